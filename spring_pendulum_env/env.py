@@ -1,0 +1,297 @@
+"""The environment: Gymnasium's rules around the compiled step, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from spring_pendulum_env import kernels
+from spring_pendulum_env.physics import Parameters
+from spring_pendulum_env.scenario import Scenario, Tolerance
+from spring_pendulum_env.tasks import REWARD_TERMS, task_named
+
+FloatArray = NDArray[np.float64]
+
+
+class SpringPendulumEnv(gym.Env[FloatArray, Any]):
+    """
+    ## Description
+
+    Two masses hang in three dimensions on two springs in series, with gravity and air resistance: the system of
+    J. Pierce, "Double Spring Pendulum". Spring 1 runs from the anchor to mass m1, spring 2 from m1 to mass m2.
+
+    Three ids share this class:
+
+    | id | the anchor | the task |
+    |---|---|---|
+    | `SpringPendulumPassive-v0` | is the origin for ever | none: the paper's dynamics, for tests and research |
+    | `SpringPendulumDamping-v0` | is a body of mass m0 that a force moves | bring the masses to rest, hanging |
+    | `SpringPendulumStabilisation-v0` | the same | hold one of the four vertical equilibria |
+
+    A gantry bears the static load of the anchor, so that no force at rest is an equilibrium anywhere. SI units, z up.
+
+    >>> import gymnasium as gym
+    >>> import spring_pendulum_env
+    >>> env = gym.make("SpringPendulumPassive-v0")
+    >>> rest = [0, 0, -1.1962, 0, 0, -2.2943] + [0] * 6
+    >>> observation, info = env.reset(options={"state": rest})
+    >>> observation, reward, terminated, truncated, info = env.step(None)
+    >>> bool(abs(observation - rest).max() < 1e-12)
+    True
+
+    ## Action Space
+
+    Actuated: `Box(-1, 1, (n,), float32)`, the force on the anchor along each of the n actuated axes in units of
+    `max_force`, held for one control period. Values beyond are clipped. An action given in float64 is used unrounded.
+    Passive: `Box` of shape (0,); `step(None)` works too.
+
+    ## Observation Space
+
+    `Box(-inf, inf, float64)`: positions in m, then velocities in m/s.
+
+    | mode | shape | order |
+    |---|---|---|
+    | passive | (12,) | X1 Y1 Z1 X2 Y2 Z2, then their rates |
+    | actuated | (18,) | X0 Y0 Z0 X1 Y1 Z1 X2 Y2 Z2, then their rates |
+
+    ## Rewards
+
+    A weighted sum of terms in [0, 1] whose weights sum to 1; each weighted term stands in `info` as `reward_NAME`.
+    With E the excess energy, e the error of both spring vectors, v all velocities, q0 the anchor, a the action:
+
+    | term | formula | damping | stabilisation |
+    |---|---|---|---|
+    | energy | 1 / (1 + E / 1 J) | 0.8 | - |
+    | posture | 1 / (1 + (e / 0.3 m)^2) | - | 0.6 |
+    | stillness | 1 / (1 + (v / 1 m/s)^2) | - | 0.15 |
+    | centring | 1 / (1 + (q0 / 1 m)^2) | 0.15 | 0.2 |
+    | effort | 1 - mean of a^2 | 0.05 | 0.05 |
+
+    The passive reward is 0.
+
+    ## Starting State
+
+    About the task's equilibrium (hanging, hanging for the passive and the damping task), anchor at rest at the origin.
+    Passive and damping: each mass displaced by N(0, 0.4 m) with a velocity of N(0, 1 m/s) on each axis. Stabilisation:
+    N(0, 0.05 m) and N(0, 0.05 m/s). Where the passive system lacks a spring (k = 0) it has no rest, and starts about
+    the unstretched lengths, hanging. `reset(options={"state": ..., "parameters": ...})` sets the start, in the
+    observation's layout, and constants of this one episode.
+
+    >>> env = gym.make("SpringPendulumDamping-v0", parameters={"m2": 2.0})
+    >>> observation, info = env.reset(seed=1, options={"parameters": {"k1": 150.0}})
+    >>> info["parameters"]["k1"], info["parameters"]["m2"], env.reset()[1]["parameters"]["k1"]
+    (150.0, 2.0, 100.0)
+
+    ## Episode End
+
+    Truncated after 1,000 steps (passive) or 500. Terminated, on the actuated tasks, when the anchor is beyond
+    `anchor_travel` on an axis; in stabilisation also when a mass is over 1.5 m from its place relative to the anchor.
+
+    ## Info
+
+    `time` (s), `energy` (J), `excess_energy` (J, above the task's equilibrium), `energy_error` (the part of the change
+    of energy that neither the force's work nor drag accounts for, relative to the energy at the start: the paper's
+    equation 42, and a measure of the integration's error in every mode), `work` and `dissipated` (J since the start),
+    `parameters` (those in force); actuated also `force` (N, x y z) and `reward_NAME`.
+
+    ## Arguments
+
+    | argument | default | meaning |
+    |---|---|---|
+    | `parameters` | `{}` | some of m0 m1 m2 (kg) k1 k2 (N/m) L1 L2 (m) R0 R1 R2 (kg/s) g (m/s2), or a `Parameters` |
+    | `control_period` | 0.02 | s, one step of the environment |
+    | `tolerance` | passive 1e-13, actuated None | None: symplectic splitting of order 6 with steps of at most 0.02 s; a number: adaptive Dormand-Prince 8(5,3) at that relative and absolute tolerance |
+    | `randomise` | `{}` | parameter name: (low, high), drawn anew at each reset |
+    | `start_scale` | 1 | multiplies the spread of the start |
+    | `render_mode` | None | "human" or "rgb_array" |
+    | `max_force` | 20 | N on each axis (actuated) |
+    | `anchor_travel` | 2 | m on each axis (actuated) |
+    | `actuated_axes` | "xyz" | axes along which the anchor moves; along the others it is held (actuated) |
+    | `equilibrium` | "inverted-inverted" | "hanging-hanging", "hanging-inverted", "inverted-hanging" or "inverted-inverted", spring 1 named first (stabilisation) |
+
+    A wrong argument, option, state or action raises a `ValueError` that names it and says what is allowed.
+
+    ## Version History
+
+    * v0: initial version.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}
+
+    def __init__(
+        self,
+        task: str,
+        parameters: Parameters | Mapping[str, float] | None = None,
+        control_period: float = 0.02,
+        tolerance: Tolerance = "default",
+        randomise: Mapping[str, tuple[float, float]] | None = None,
+        start_scale: float = 1.0,
+        render_mode: str | None = None,
+        max_force: float | None = None,
+        anchor_travel: float | None = None,
+        actuated_axes: str | None = None,
+        equilibrium: str | None = None,
+    ) -> None:
+        self.scenario = Scenario.of(
+            task_named(task),
+            parameters=parameters,
+            control_period=control_period,
+            tolerance=tolerance,
+            randomise=randomise,
+            start_scale=start_scale,
+            max_force=max_force,
+            anchor_travel=anchor_travel,
+            actuated_axes=actuated_axes,
+            equilibrium=equilibrium,
+        )
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            allowed = ", ".join(map(repr, self.metadata["render_modes"]))
+            raise ValueError(f"render_mode = {render_mode!r}: must be None, {allowed}")
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / control_period)}
+        self.observation_space = spaces.Box(-np.inf, np.inf, (self.scenario.state_size,), np.float64)
+        self.action_space = spaces.Box(-1.0, 1.0, (len(self.scenario.actuated_axes),), np.float32)
+
+        self._parameters = self.scenario.parameters
+        self._constants: dict[str, float] = self._parameters.as_dict()
+        self._settings = kernels.settings_of(self.scenario)
+        self._rows = np.zeros((1, kernels.FIELDS, 1))
+        row = self._rows[0, :, 0]
+        self._full_state = row[kernels.STATE : kernels.STATE + 18]
+        self._visible_state = self._full_state.reshape(2, 9)[:, 9 - self.scenario.state_size // 2 :]
+        self._action = row[kernels.action_slice(self.scenario.actuated_axes)]
+        self._force = row[kernels.FORCE : kernels.FORCE + 3]
+        self._outcome = row[kernels.WORK : kernels.STATUS]
+        self._terms = [(f"reward_{term}", kernels.TERMS + REWARD_TERMS.index(term)) for term in self.scenario.task.terms]
+        self._renderer: Any = None
+        self._started = False
+
+    @property
+    def parameters(self) -> Parameters:
+        """The constants in force in this episode."""
+        return self._parameters
+
+    @property
+    def state(self) -> FloatArray:
+        """The state with the anchor, shape (18,), whatever the observation shows of it; a copy."""
+        return self._full_state.copy()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[FloatArray, dict[str, Any]]:
+        """Starts an episode.
+
+        Args:
+            seed: of the random numbers, as Gymnasium has it.
+            options: "state", the start in the observation's layout; "parameters", constants for this episode.
+
+        Returns:
+            The observation, and the info.
+
+        Raises:
+            ValueError: an unknown option, or a wrong state or parameter.
+        """
+        super().reset(seed=seed)
+        parameters, state = self.scenario.draw(self.np_random, options)
+        kernels.place(self._rows, 0, self.scenario, parameters, state, self._settings)
+        self._parameters = parameters
+        self._constants = parameters.as_dict()
+        self._started = True
+        if self._renderer is not None:
+            self._renderer.forget()
+        if self.render_mode == "human":
+            self.render()
+        return self._visible_state.flatten(), self._info(self._outcome.tolist())
+
+    def step(self, action: Any) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
+        """One control period under a force that is held.
+
+        Args:
+            action: see the class; shape (number of actuated axes,), clipped to [-1, 1].
+
+        Returns:
+            The observation, the reward, whether the task's condition to end is met, False (the time limit is a
+            wrapper's), and the info.
+
+        Raises:
+            ValueError: an action of the wrong shape or not finite; the state stays as it was.
+            ResetNeeded: the environment was never reset.
+            FloatingPointError: the motion has left the range of floating-point numbers, or the adaptive scheme would
+                need more than a million steps for this control period.
+        """
+        if not self._started:
+            raise gym.error.ResetNeeded("step called before reset: call reset first")
+        self._set_action(action)
+        status = kernels.step(self._rows, 0, 1, self._settings, True)
+        if status != kernels.FINE:
+            self._refuse(status, action)
+        outcome = self._outcome.tolist()
+        if self.render_mode == "human":
+            self.render()
+        reward, ended = outcome[_REWARD], outcome[_ENDED] != 0.0
+        return self._visible_state.flatten(), reward, ended, False, self._info(outcome)
+
+    def render(self) -> Any:
+        """A frame, shape (height, width, 3), uint8, in mode "rgb_array"; shows one on the screen in mode "human".
+
+        Raises:
+            DependencyNotInstalled: pygame isn't there; the message says how to install it.
+        """
+        if self.render_mode is None:
+            gym.logger.warn('render called without a render_mode: gym.make(..., render_mode="rgb_array") sets one.')
+            return None
+        if self._renderer is None:
+            from spring_pendulum_env.rendering import Renderer
+
+            self._renderer = Renderer(self.render_mode, self.metadata["render_fps"])
+        return self._renderer.draw(self._full_state, self._parameters, self._force, self._outcome.tolist()[_TIME])
+
+    def close(self) -> None:
+        """Closes the window, if there is one. May be called twice."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _set_action(self, action: Any) -> None:
+        """Puts the action where the compiled step looks for it, if its shape and type are right."""
+        if action is None and not self.scenario.task.actuated:
+            return
+        try:
+            numbers = action if type(action) is np.ndarray else np.asarray(action)
+            if numbers.shape != self._action.shape:
+                raise ValueError(f"action of shape {numbers.shape}: must have shape {self._action.shape}")
+            self._action[:] = numbers
+        except TypeError:
+            raise ValueError(f"action = {action!r}: must be {self._action.size} numbers") from None
+
+    def _refuse(self, status: int, action: Any) -> None:
+        if status == kernels.BAD_ACTION:
+            raise ValueError(f"action = {action!r}: must be finite")
+        what = "has left the range of floating-point numbers"
+        if status == kernels.TOO_MANY_STEPS:
+            what = f"needs more than {kernels.MOST_STEPS} steps of the adaptive scheme for one control period"
+        raise FloatingPointError(f"the motion {what} (state {self._full_state}, {self._parameters})")
+
+    def _info(self, outcome: list[float]) -> dict[str, Any]:
+        info: dict[str, Any] = {
+            "time": outcome[_TIME],
+            "energy": outcome[_ENERGY],
+            "excess_energy": outcome[_EXCESS],
+            "energy_error": outcome[_ERROR],
+            "work": outcome[0],
+            "dissipated": outcome[1],
+            "parameters": self._constants.copy(),
+        }
+        if self.scenario.task.actuated:
+            info["force"] = self._force.copy()
+            for name, position in self._terms:
+                info[name] = outcome[position - kernels.WORK]
+        return info
+
+
+_TIME, _ENERGY, _EXCESS, _ERROR, _REWARD, _ENDED = range(2, 8)

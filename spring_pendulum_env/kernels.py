@@ -1,0 +1,509 @@
+"""The compiled step, for one pendulum and for many. It holds no formula of its own.
+
+Pendulums are kept in `rows`, an array of shape (blocks, FIELDS, width): each block holds `width` pendulums side by
+side, one field after the other. A single environment is one block of width one. The loops over pendulums are innermost
+and run on local buffers of constant shape, so that root and division vectorise; without any fastmath flag the
+arithmetic is IEEE's in either case, so that a pendulum gets the same bits alone and among others.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numba
+import numpy as np
+from numba.extending import register_jitable
+from numpy.typing import NDArray
+
+from spring_pendulum_env import integrators, physics, tasks
+from spring_pendulum_env.integrators import DRIFTS, KICKS, RK_A, RK_B, RK_E3, RK_E5, RK_ORDER
+from spring_pendulum_env.physics import Parameters
+from spring_pendulum_env.equilibria import vertical_state
+from spring_pendulum_env.scenario import Scenario
+
+FloatArray = NDArray[np.float64]
+
+WIDTH = 64
+"""Pendulums in a block."""
+
+# The fields of a pendulum in `rows`, and where each begins.
+STATE = 0  # 18: positions of anchor, m1, m2, then their velocities
+FORCE = 18  # 3, newtons
+PHYSICS = 21  # 11: Parameters.constants()
+STEP = 32  # length of a step of the splitting, s
+DRAG = 33  # 3: Parameters.drag_rates()
+MASSES = 36  # 3
+HEIGHTS = 39  # 2: where the springs' far ends belong
+REST_ENERGY = 41
+START_ENERGY = 42
+CLOCK = 43  # control periods since the start
+WORK = 44
+DISSIPATED = 45
+TIME = 46
+ENERGY = 47
+EXCESS = 48
+ERROR = 49
+REWARD = 50
+ENDED = 51  # 1 where the task's condition to end is met
+TERMS = 52  # 5: the weighted reward terms
+STATUS = 57  # what went wrong in the step
+ACTION = 58  # 3: in units of max_force, zero on held axes
+STEPS = 61  # steps of the splitting in a control period
+NEXT = 62  # 18: the state that a scheme arrived at
+LOST = 80  # what drag took on the way
+GUARDED = 81  # 1 where the splitting came too close to zero length
+FIELDS = 82
+
+FINE, BAD_ACTION, NOT_FINITE, TOO_MANY_STEPS = range(4)
+
+# The numbers that all pendulums of an environment share, in `settings`.
+SETTINGS = (
+    "control_period",
+    "tolerance",
+    "max_force",
+    "anchor_travel",
+    "largest_deviation",
+    "axes",
+    "energy_scale",
+    "posture_scale",
+    "velocity_scale",
+    "centring_scale",
+    "weights",
+)
+(
+    PERIOD,
+    TOLERANCE,
+    MAX_FORCE,
+    TRAVEL,
+    DEVIATION,
+    AXIS_COUNT,
+    ENERGY_SCALE,
+    POSTURE_SCALE,
+    VELOCITY_SCALE,
+    CENTRING_SCALE,
+    WEIGHTS,
+) = range(len(SETTINGS))
+
+GUARD_TOLERANCE = integrators.GUARD_TOLERANCE
+LONGEST_STEP = integrators.LONGEST_STEP
+MOST_STEPS = integrators.MOST_STEPS
+STAGES = len(KICKS)
+
+
+def _source_hash() -> str:
+    """Changes with any source that is compiled: numba's own cache key doesn't see edits in other files."""
+    sources = (Path(module.__file__ or "") for module in (physics, integrators, tasks))
+    text = b"".join(path.read_bytes() for path in (*sources, Path(__file__)))
+    return hashlib.sha256(text).hexdigest()[:16]
+
+
+@contextlib.contextmanager
+def _cache_folder() -> Iterator[bool]:
+    """Numba's cache folder while functions are declared; yields whether there is one that can be written."""
+    root = os.environ.get("NUMBA_CACHE_DIR") or str(Path(__file__).parent / "__pycache__")
+    folder = Path(root) / f"spring_pendulum_env-{_source_hash()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        writable = os.access(folder, os.W_OK)
+    except OSError:
+        writable = False
+    before = numba.config.CACHE_DIR
+    if writable:
+        numba.config.CACHE_DIR = str(folder)
+    try:
+        yield writable
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+def _compiled(function):
+    """What the entry points call; compiled with them and cached with them."""
+    return numba.njit(error_model="numpy", nogil=True)(function)
+
+
+for _function in (
+    physics.length,
+    physics.spring_force,
+    physics.accelerations,
+    physics.derivatives,
+    physics.weighted_squares,
+    physics.spring_energy,
+    physics.kinetic_energy,
+    physics.potential_energy,
+    physics.total_energy,
+    physics.energy_error,
+    tasks.reward_terms,
+    integrators.approaches_zero,
+):
+    register_jitable(error_model="numpy")(_function)
+
+
+@_compiled
+def _apply_actions(rows, block, first, count, max_force):
+    """Force from the clipped action; a STATUS for an action that isn't finite."""
+    for j in range(first, first + count):
+        finite = True
+        for i in range(3):
+            action = rows[block, ACTION + i, j]
+            finite &= math.isfinite(action)
+            rows[block, FORCE + i, j] = max_force * min(max(action, -1.0), 1.0)
+        rows[block, STATUS, j] = FINE if finite else BAD_ACTION
+
+
+@_compiled
+def _splitting(rows, block, first, count):
+    """One control period by the symplectic splitting, from STATE to NEXT, for pendulums that need as many steps."""
+    # One buffer for all that the loops touch: between its fields the compiler knows the distance, so it vectorises.
+    b = np.empty((HEIGHTS + 2, WIDTH))
+    lost = HEIGHTS
+    guarded = HEIGHTS + 1
+    dragged = False
+    for i in range(HEIGHTS):
+        for j in range(count):
+            b[i, j] = rows[block, i, first + j]
+    for j in range(count):
+        b[lost, j] = 0.0
+        b[guarded, j] = 0.0
+        dragged |= b[DRAG, j] + b[DRAG + 1, j] + b[DRAG + 2, j] != 0.0
+    _guard(b, count)
+    # In each drift drag takes a share of each body's velocity (loss), which moves `travel` per velocity.
+    loss = np.empty((3 * STAGES, WIDTH))
+    travel = np.empty((3 * STAGES, WIDTH))
+    if dragged:
+        for s in range(3 * STAGES):
+            for j in range(count):
+                rate = b[DRAG + s % 3, j]
+                drift = DRIFTS[s // 3] * b[STEP, j]
+                loss[s, j] = -math.expm1(-rate * drift)
+                travel[s, j] = drift if rate == 0.0 else loss[s, j] / rate
+    for _ in range(int(rows[block, STEPS, first])):
+        for s in range(STAGES):
+            for j in range(count):
+                kick = KICKS[s] * b[STEP, j]
+                a = physics.accelerations(
+                    b[0, j], b[1, j], b[2, j], b[3, j], b[4, j], b[5, j], b[6, j], b[7, j], b[8, j],
+                    b[FORCE, j], b[FORCE + 1, j], b[FORCE + 2, j],
+                    b[PHYSICS, j], b[PHYSICS + 1, j], b[PHYSICS + 2, j], b[PHYSICS + 3, j], b[PHYSICS + 4, j],
+                    b[PHYSICS + 5, j], b[PHYSICS + 6, j], b[PHYSICS + 7, j], b[PHYSICS + 8, j],
+                    b[PHYSICS + 9, j], b[PHYSICS + 10, j],
+                )  # fmt: skip
+                b[9, j] += kick * a[0]
+                b[10, j] += kick * a[1]
+                b[11, j] += kick * a[2]
+                b[12, j] += kick * a[3]
+                b[13, j] += kick * a[4]
+                b[14, j] += kick * a[5]
+                b[15, j] += kick * a[6]
+                b[16, j] += kick * a[7]
+                b[17, j] += kick * a[8]
+            if dragged:
+                for i in range(9):
+                    body = i // 3
+                    for j in range(count):
+                        v = b[9 + i, j]
+                        share = loss[3 * s + body, j]
+                        b[i, j] += travel[3 * s + body, j] * v
+                        b[9 + i, j] = v - share * v
+                        b[lost, j] += 0.5 * b[MASSES + body, j] * v * v * share * (2.0 - share)
+            else:
+                for i in range(9):
+                    for j in range(count):
+                        b[i, j] += DRIFTS[s] * b[STEP, j] * b[9 + i, j]
+        _guard(b, count)
+    for i in range(18):
+        for j in range(count):
+            rows[block, NEXT + i, first + j] = b[i, j]
+    for j in range(count):
+        rows[block, LOST, first + j] = b[lost, j]
+        rows[block, GUARDED, first + j] = b[guarded, j]
+
+
+@_compiled
+def _guard(b, count):
+    """Marks the pendulums of a buffer of which a spring is too close to zero length for a step of the splitting."""
+    guarded = HEIGHTS + 1
+    for j in range(count):
+        close1 = integrators.approaches_zero(
+            b[3, j] - b[0, j], b[4, j] - b[1, j], b[5, j] - b[2, j],
+            b[12, j] - b[9, j], b[13, j] - b[10, j], b[14, j] - b[11, j],
+            b[PHYSICS + 5, j], b[PHYSICS + 7, j], b[STEP, j],
+        )  # fmt: skip
+        close2 = integrators.approaches_zero(
+            b[6, j] - b[3, j], b[7, j] - b[4, j], b[8, j] - b[5, j],
+            b[15, j] - b[12, j], b[16, j] - b[13, j], b[17, j] - b[14, j],
+            b[PHYSICS + 6, j], b[PHYSICS + 8, j], b[STEP, j],
+        )  # fmt: skip
+        b[guarded, j] = 1.0 if close1 | close2 else b[guarded, j]
+
+
+@_compiled
+def _slope(y, c, out):
+    """Derivative of the state y with the constants c (FORCE to HEIGHTS); in out[18] the power that drag dissipates."""
+    d = physics.derivatives(
+        y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7], y[8],
+        y[9], y[10], y[11], y[12], y[13], y[14], y[15], y[16], y[17],
+        c[FORCE], c[FORCE + 1], c[FORCE + 2],
+        c[PHYSICS], c[PHYSICS + 1], c[PHYSICS + 2], c[PHYSICS + 3], c[PHYSICS + 4], c[PHYSICS + 5],
+        c[PHYSICS + 6], c[PHYSICS + 7], c[PHYSICS + 8], c[PHYSICS + 9], c[PHYSICS + 10],
+        c[DRAG], c[DRAG + 1], c[DRAG + 2],
+    )  # fmt: skip
+    for i in range(18):
+        out[i] = d[i]
+    out[18] = physics.weighted_squares(
+        y[9], y[10], y[11], y[12], y[13], y[14], y[15], y[16], y[17],
+        c[DRAG] * c[MASSES], c[DRAG + 1] * c[MASSES + 1], c[DRAG + 2] * c[MASSES + 2],
+    )  # fmt: skip
+
+
+@_compiled
+def _adaptive(rows, block, j, period, tolerance):
+    """One control period by Dormand-Prince 8(5,3), from STATE to NEXT; a STATUS if it takes too many steps.
+
+    The error norm is the largest component's, each relative to tolerance (1 + |y|). Nothing but the state decides the
+    steps, so that a state that is set again is continued with the same bits.
+    """
+    c = np.empty(HEIGHTS)  # the fields before HEIGHTS
+    y = np.empty(19)  # the state, and what drag dissipates
+    new = np.empty(19)
+    slope = np.empty(19)
+    k = np.empty((13, 19))
+    for i in range(HEIGHTS):
+        c[i] = rows[block, i, j]
+    for i in range(18):
+        y[i] = rows[block, STATE + i, j]
+    y[18] = 0.0
+    time = 0.0
+    step = c[STEP]
+    smallest = 1e-15 * period
+    rejected = False
+    status = TOO_MANY_STEPS
+    _slope(y, c, slope)
+    k[0, :] = slope
+    for _ in range(MOST_STEPS):
+        last = time + step >= period * (1.0 - 1e-14)
+        h = period - time if last else step
+        for s in range(1, 13):
+            slope[:] = 0.0
+            for r in range(s):
+                weight = RK_A[s, r] if s < 12 else RK_B[r]
+                if weight != 0.0:
+                    for i in range(19):
+                        slope[i] += weight * k[r, i]
+            for i in range(19):
+                new[i] = y[i] + h * slope[i]
+            _slope(new, c, slope)
+            k[s, :] = slope
+        worst3 = 0.0
+        worst5 = 0.0
+        for i in range(19):
+            error3 = 0.0
+            error5 = 0.0
+            for r in range(13):
+                error3 += RK_E3[r] * k[r, i]
+                error5 += RK_E5[r] * k[r, i]
+            scale = tolerance * (1.0 + max(abs(y[i]), abs(new[i])))
+            worst3 = max(worst3, abs(error3) / scale)
+            worst5 = max(worst5, abs(error5) / scale)
+            if not math.isfinite(error3):
+                worst3 = math.inf
+        error = h * worst5 * worst5 / math.sqrt(worst5 * worst5 + 0.01 * worst3 * worst3) if worst5 > 0.0 else 0.0
+        if not math.isfinite(worst3) or not math.isfinite(error):
+            error = math.inf
+        factor = 10.0 if error == 0.0 else min(10.0, max(0.2, 0.9 * error ** (-1.0 / RK_ORDER)))
+        if error < 1.0 or h <= smallest:
+            time += h
+            for i in range(19):
+                y[i] = new[i]
+                k[0, i] = k[12, i]
+            if last:
+                status = FINE
+                break
+            step = min(h * (min(1.0, factor) if rejected else factor), LONGEST_STEP)
+            rejected = False
+        else:
+            step = max(h * min(0.9, factor), smallest)
+            rejected = True
+    for i in range(18):
+        rows[block, NEXT + i, j] = y[i]
+    rows[block, LOST, j] = y[18]
+    rows[block, STATUS, j] = status
+
+
+@_compiled
+def _arrive(rows, block, first, count):
+    """Makes NEXT the state, and books work, dissipation and time; pendulums that aren't FINE stay as they were."""
+    for j in range(first, first + count):
+        if rows[block, STATUS, j] == FINE:
+            for i in range(3):
+                moved = rows[block, NEXT + i, j] - rows[block, STATE + i, j]
+                rows[block, WORK, j] += rows[block, FORCE + i, j] * moved
+            for i in range(18):
+                rows[block, STATE + i, j] = rows[block, NEXT + i, j]
+            rows[block, DISSIPATED, j] += rows[block, LOST, j]
+            rows[block, CLOCK, j] += 1.0
+
+
+@_compiled
+def _report(rows, block, first, count, settings):
+    """Energies, reward and end, from the state."""
+    b = np.empty((STATUS + 1, WIDTH))
+    for i in range(TIME):
+        for j in range(count):
+            b[i, j] = rows[block, i, first + j]
+    for j in range(count):
+        b[STATUS, j] = rows[block, STATUS, first + j]
+    limit = settings[DEVIATION] * settings[DEVIATION]
+    travel = settings[TRAVEL]
+    force_scale = 1.0 / (max(settings[AXIS_COUNT], 1.0) * settings[MAX_FORCE] * settings[MAX_FORCE])
+    for j in range(count):
+        energy = physics.total_energy(
+            b[0, j], b[1, j], b[2, j], b[3, j], b[4, j], b[5, j], b[6, j], b[7, j], b[8, j],
+            b[9, j], b[10, j], b[11, j], b[12, j], b[13, j], b[14, j], b[15, j], b[16, j], b[17, j],
+            b[MASSES, j], b[MASSES + 1, j], b[MASSES + 2, j],
+            b[PHYSICS + 5, j], b[PHYSICS + 6, j], b[PHYSICS + 7, j], b[PHYSICS + 8, j], b[PHYSICS + 9, j],
+        )  # fmt: skip
+        start = energy if b[CLOCK, j] == 0.0 else b[START_ENERGY, j]
+        b[START_ENERGY, j] = start
+        b[TIME, j] = b[CLOCK, j] * settings[PERIOD]
+        b[ENERGY, j] = energy
+        b[EXCESS, j] = energy - b[REST_ENERGY, j]
+        b[ERROR, j] = physics.energy_error(energy - start - b[WORK, j] + b[DISSIPATED, j], start)
+        b[STATUS, j] = NOT_FINITE if energy - energy != 0.0 else b[STATUS, j]
+
+        # How far each mass is from its place relative to the anchor.
+        x1 = b[3, j] - b[0, j]
+        y1 = b[4, j] - b[1, j]
+        z1 = b[5, j] - b[2, j] - b[HEIGHTS, j]
+        x2 = b[6, j] - b[0, j]
+        y2 = b[7, j] - b[1, j]
+        z2 = b[8, j] - b[2, j] - b[HEIGHTS, j] - b[HEIGHTS + 1, j]
+        away1 = x1 * x1 + y1 * y1 + z1 * z1
+        away2 = x2 * x2 + y2 * y2 + z2 * z2
+        beyond = (abs(b[0, j]) > travel) | (abs(b[1, j]) > travel) | (abs(b[2, j]) > travel)
+        b[ENDED, j] = 1.0 if beyond | (away1 > limit) | (away2 > limit) else 0.0
+        terms = tasks.reward_terms(
+            b[EXCESS, j],
+            away1 + (x2 - x1) * (x2 - x1) + (y2 - y1) * (y2 - y1) + (z2 - z1) * (z2 - z1),
+            physics.weighted_squares(
+                b[9, j], b[10, j], b[11, j], b[12, j], b[13, j], b[14, j], b[15, j], b[16, j], b[17, j], 1.0, 1.0, 1.0
+            ),
+            b[0, j] * b[0, j] + b[1, j] * b[1, j] + b[2, j] * b[2, j],
+            (b[FORCE, j] * b[FORCE, j] + b[FORCE + 1, j] * b[FORCE + 1, j] + b[FORCE + 2, j] * b[FORCE + 2, j])
+            * force_scale,
+            settings[ENERGY_SCALE],
+            settings[POSTURE_SCALE],
+            settings[VELOCITY_SCALE],
+            settings[CENTRING_SCALE],
+        )
+        b[TERMS, j] = settings[WEIGHTS] * terms[0]
+        b[TERMS + 1, j] = settings[WEIGHTS + 1] * terms[1]
+        b[TERMS + 2, j] = settings[WEIGHTS + 2] * terms[2]
+        b[TERMS + 3, j] = settings[WEIGHTS + 3] * terms[3]
+        b[TERMS + 4, j] = settings[WEIGHTS + 4] * terms[4]
+        reward = b[TERMS, j] + b[TERMS + 1, j] + b[TERMS + 2, j] + b[TERMS + 3, j] + b[TERMS + 4, j]
+        b[REWARD, j] = min(max(reward, 0.0), 1.0)
+    for i in range(START_ENERGY, STATUS + 1):
+        for j in range(count):
+            rows[block, i, first + j] = b[i, j]
+
+
+def _step(rows, first, count, settings, moving):
+    """One control period, if `moving`, and the report, of the pendulums from `first` to before `first + count`.
+
+    Returns:
+        The largest STATUS of them. A pendulum whose STATUS isn't FINE has kept its state.
+    """
+    width = rows.shape[2]
+    tolerance = settings[TOLERANCE]
+    worst = FINE
+    index = first
+    while index < first + count:
+        block, column = divmod(index, width)
+        run = 1  # neighbours that need the same number of steps go together
+        while index + run < first + count and column + run < width:
+            if rows[block, STEPS, column + run] != rows[block, STEPS, column]:
+                break
+            run += 1
+        _apply_actions(rows, block, column, run, settings[MAX_FORCE])
+        if moving:
+            if tolerance == 0.0:
+                _splitting(rows, block, column, run)
+            for j in range(column, column + run):
+                if rows[block, STATUS, j] == FINE and (tolerance != 0.0 or rows[block, GUARDED, j] != 0.0):
+                    _adaptive(rows, block, j, settings[PERIOD], GUARD_TOLERANCE if tolerance == 0.0 else tolerance)
+            _arrive(rows, block, column, run)
+        _report(rows, block, column, run, settings)
+        for j in range(column, column + run):
+            worst = max(worst, int(rows[block, STATUS, j]))
+        index += run
+    return worst
+
+
+with _cache_folder() as _cached:
+    step = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_step)
+
+
+def action_slice(actuated_axes: str) -> slice:
+    """Where the action's numbers stand among the fields; the axes in the order x, y, z."""
+    places = [ACTION + physics.AXES.index(axis) for axis in actuated_axes] or [0]
+    stride = 2 if actuated_axes == "xz" else 1
+    return slice(places[0], places[-1] + 1 if actuated_axes else 0, stride)
+
+
+def settings_of(scenario: Scenario) -> FloatArray:
+    """The numbers that all pendulums of an environment share."""
+    task = scenario.task
+    return np.array(
+        [
+            scenario.control_period,
+            0.0 if scenario.tolerance is None else scenario.tolerance,
+            scenario.max_force,
+            scenario.anchor_travel,
+            task.largest_deviation,
+            len(scenario.actuated_axes),
+            task.energy_scale,
+            task.posture_scale,
+            task.velocity_scale,
+            task.centring_scale,
+            *(task.weights.get(term, 0.0) for term in tasks.REWARD_TERMS),
+        ]
+    )
+
+
+def steps_in(control_period: float, constants: tuple[float, ...]) -> int:
+    """How many equal steps of the splitting a control period needs: no step longer than LONGEST_STEP, none in which
+    the fastest mode of the springs turns further than LARGEST_PHASE."""
+    w0x, w0y, w0z, w1, w2, k1, k2 = constants[:7]
+    fastest = physics.fastest_frequency(max(w0x, w0y, w0z), w1, w2, k1, k2)
+    needed = control_period * max(1.0 / LONGEST_STEP, fastest / integrators.LARGEST_PHASE)
+    return max(1, math.ceil(needed - 1e-9))
+
+
+def place(
+    rows: FloatArray, index: int, scenario: Scenario, parameters: Parameters, state: FloatArray, settings: FloatArray
+) -> None:
+    """Puts a pendulum with these parameters and this state (18 numbers) into `rows` and starts its episode."""
+    block, column = divmod(index, rows.shape[2])
+    row = rows[block, :, column]
+    constants = parameters.constants(scenario.actuated_axes)
+    masses = (parameters.m0, parameters.m1, parameters.m2)
+    heights = scenario.spring_heights(parameters)
+    rest = vertical_state(*heights)
+    steps = steps_in(scenario.control_period, constants)
+    row[STATE : STATE + 18] = state
+    row[ACTION : ACTION + 3] = 0.0
+    row[PHYSICS : PHYSICS + 11] = constants
+    row[DRAG : DRAG + 3] = parameters.drag_rates()
+    row[MASSES : MASSES + 3] = masses
+    row[HEIGHTS : HEIGHTS + 2] = heights
+    row[STEP] = scenario.control_period / steps
+    row[STEPS] = steps
+    row[STATUS] = FINE
+    row[REST_ENERGY] = physics.total_energy(*rest.tolist(), *masses, *constants[5:10])
+    row[CLOCK] = row[WORK] = row[DISSIPATED] = 0.0
+    step(rows, index, 1, settings, False)
