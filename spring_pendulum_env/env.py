@@ -167,7 +167,9 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self._action = row[kernels.action_slice(self.scenario.actuated_axes)]
         self._force = row[kernels.FORCE : kernels.FORCE + 3]
         self._outcome = row[kernels.WORK : kernels.STATUS]
-        self._terms = [(f"reward_{term}", kernels.TERMS + REWARD_TERMS.index(term)) for term in self.scenario.task.terms]
+        self._terms = [
+            (f"reward_{term}", kernels.TERMS + REWARD_TERMS.index(term)) for term in self.scenario.task.terms
+        ]
         self._renderer: Any = None
         self._started = False
 

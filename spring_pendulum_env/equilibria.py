@@ -112,9 +112,7 @@ def linearise(
     parameters: Parameters | Mapping[str, float] | None, name: str, pinned: Literal[False] = False
 ) -> tuple[FloatArray, FloatArray]: ...
 @overload
-def linearise(
-    parameters: Parameters | Mapping[str, float] | None, name: str, pinned: Literal[True]
-) -> FloatArray: ...
+def linearise(parameters: Parameters | Mapping[str, float] | None, name: str, pinned: Literal[True]) -> FloatArray: ...
 def linearise(
     parameters: Parameters | Mapping[str, float] | None, name: str, pinned: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:

@@ -90,6 +90,7 @@ SETTINGS = (
 ) = range(len(SETTINGS))
 
 GUARD_TOLERANCE = integrators.GUARD_TOLERANCE
+ERROR_MARGIN = integrators.ERROR_MARGIN
 LONGEST_STEP = integrators.LONGEST_STEP
 MOST_STEPS = integrators.MOST_STEPS
 STAGES = len(KICKS)
@@ -264,7 +265,7 @@ def _slope(y, c, out):
 def _adaptive(rows, block, j, period, tolerance):
     """One control period by Dormand-Prince 8(5,3), from STATE to NEXT; a STATUS if it takes too many steps.
 
-    The error norm is the largest component's, each relative to tolerance (1 + |y|). Nothing but the state decides the
+    The error norm is the largest component's, each relative to 1 + |y|. Nothing but the state decides the
     steps, so that a state that is set again is continued with the same bits.
     """
     c = np.empty(HEIGHTS)  # the fields before HEIGHTS
@@ -280,6 +281,7 @@ def _adaptive(rows, block, j, period, tolerance):
     time = 0.0
     step = c[STEP]
     smallest = 1e-15 * period
+    allowed = ERROR_MARGIN * tolerance
     rejected = False
     status = TOO_MANY_STEPS
     _slope(y, c, slope)
@@ -306,7 +308,7 @@ def _adaptive(rows, block, j, period, tolerance):
             for r in range(13):
                 error3 += RK_E3[r] * k[r, i]
                 error5 += RK_E5[r] * k[r, i]
-            scale = tolerance * (1.0 + max(abs(y[i]), abs(new[i])))
+            scale = allowed * (1.0 + max(abs(y[i]), abs(new[i])))
             worst3 = max(worst3, abs(error3) / scale)
             worst5 = max(worst5, abs(error5) / scale)
             if not math.isfinite(error3):

@@ -20,7 +20,8 @@ from spring_pendulum_env.tasks import Task
 FloatArray = NDArray[np.float64]
 Tolerance = float | None | Literal["default"]
 
-SMALLEST_TOLERANCE = 1e-15
+SMALLEST_TOLERANCE = 1e-14
+"""Below this, rounding alone would keep the adaptive scheme from ever being content."""
 
 
 def positive_number(name: str, value: Any, *, zero: bool = False) -> float:

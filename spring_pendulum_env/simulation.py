@@ -96,6 +96,8 @@ def simulate(
             slope, (instants[0], instants[-1]), start, method=method, t_eval=instants, rtol=rtol, atol=atol
         )
         if not solution.success:
-            raise ArithmeticError(f"{method} stopped at t = {solution.t[-1] if solution.t.size else instants[0]} s: {solution.message}")
+            raise ArithmeticError(
+                f"{method} stopped at t = {solution.t[-1] if solution.t.size else instants[0]} s: {solution.message}"
+            )
         states = solution.y.T.copy()
     return Trajectory(p, instants, states, np.asarray(energy(p, states)))
