@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from spring_pendulum_env import kernels
+from spring_pendulum_env import integrators, kernels, layout
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import Scenario, Tolerance
 from spring_pendulum_env.tasks import REWARD_TERMS, task_named
@@ -121,7 +121,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
     * v0: initial version.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
 
     def __init__(
         self,
@@ -159,17 +159,15 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
 
         self._parameters = self.scenario.parameters
         self._constants: dict[str, float] = self._parameters.as_dict()
-        self._settings = kernels.settings_of(self.scenario)
-        self._rows = np.zeros((1, kernels.FIELDS, 1))
+        self._settings = layout.settings_of(self.scenario)
+        self._rows = np.zeros((1, layout.FIELDS, 1))
         row = self._rows[0, :, 0]
-        self._full_state = row[kernels.STATE : kernels.STATE + 18]
+        self._full_state = row[layout.STATE : layout.STATE + 18]
         self._visible_state = self._full_state.reshape(2, 9)[:, 9 - self.scenario.state_size // 2 :]
-        self._action = row[kernels.action_slice(self.scenario.actuated_axes)]
-        self._force = row[kernels.FORCE : kernels.FORCE + 3]
-        self._outcome = row[kernels.WORK : kernels.STATUS]
-        self._terms = [
-            (f"reward_{term}", kernels.TERMS + REWARD_TERMS.index(term)) for term in self.scenario.task.terms
-        ]
+        self._action = row[layout.action_slice(self.scenario.actuated_axes)]
+        self._force = row[layout.FORCE : layout.FORCE + 3]
+        self._outcome = row[layout.WORK : layout.STATUS]
+        self._terms = [(f"reward_{term}", layout.TERMS + REWARD_TERMS.index(term)) for term in self.scenario.task.terms]
         self._renderer: Any = None
         self._started = False
 
@@ -200,7 +198,8 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         """
         super().reset(seed=seed)
         parameters, state = self.scenario.draw(self.np_random, options)
-        kernels.place(self._rows, 0, self.scenario, parameters, state, self._settings)
+        layout.fill(self._rows, 0, self.scenario, parameters, state)
+        kernels.step(self._rows, 0, 1, self._settings, False)
         self._parameters = parameters
         self._constants = parameters.as_dict()
         self._started = True
@@ -230,7 +229,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             raise gym.error.ResetNeeded("step called before reset: call reset first")
         self._set_action(action)
         status = kernels.step(self._rows, 0, 1, self._settings, True)
-        if status != kernels.FINE:
+        if status != layout.FINE:
             self._refuse(status, action)
         outcome = self._outcome.tolist()
         if self.render_mode == "human":
@@ -272,11 +271,11 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             raise ValueError(f"action = {action!r}: must be {self._action.size} numbers") from None
 
     def _refuse(self, status: int, action: Any) -> None:
-        if status == kernels.BAD_ACTION:
+        if status == layout.BAD_ACTION:
             raise ValueError(f"action = {action!r}: must be finite")
         what = "has left the range of floating-point numbers"
-        if status == kernels.TOO_MANY_STEPS:
-            what = f"needs more than {kernels.MOST_STEPS} steps of the adaptive scheme for one control period"
+        if status == layout.TOO_MANY_STEPS:
+            what = f"needs more than {integrators.MOST_STEPS} steps of the adaptive scheme for one control period"
         raise FloatingPointError(f"the motion {what} (state {self._full_state}, {self._parameters})")
 
     def _info(self, outcome: list[float]) -> dict[str, Any]:
@@ -292,7 +291,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         if self.scenario.task.actuated:
             info["force"] = self._force.copy()
             for name, position in self._terms:
-                info[name] = outcome[position - kernels.WORK]
+                info[name] = outcome[position - layout.WORK]
         return info
 
 

@@ -55,7 +55,7 @@ def energy(parameters: Parameters | Mapping[str, float] | None, state: ArrayLike
     """
     p = Parameters.of(parameters)
     columns = np.moveaxis(full_state(state), -1, 0)
-    total: FloatArray = physics.total_energy(*columns, p.m0, p.m1, p.m2, p.k1, p.k2, p.L1, p.L2, p.g)
+    total: FloatArray = physics.total_energy(*[*columns, p.m0, p.m1, p.m2, p.k1, p.k2, p.L1, p.L2, p.g])
     return total[()]
 
 
@@ -133,15 +133,17 @@ def linearise(
     """
     p = Parameters.of(parameters)
     at = np.concatenate([equilibrium(p, name), np.zeros(3)]).astype(complex)
+    constants = (*p.constants("" if pinned else physics.AXES), *p.drag_rates())
     tiny = 1e-30
     jacobian = np.empty((18, 21))
     for column in range(21):
         stepped = at.copy()
         stepped[column] += 1j * tiny
-        slope = physics.derivatives(*stepped, *p.constants("" if pinned else physics.AXES), *p.drag_rates())
+        slope = physics.derivatives(*[*stepped, *constants])
         jacobian[:, column] = np.imag(slope) / tiny
     if pinned:
-        return jacobian[np.ix_(BODY_STATE, BODY_STATE)]
+        bodies: FloatArray = jacobian[np.ix_(BODY_STATE, BODY_STATE)]
+        return bodies
     return jacobian[:, :18], jacobian[:, 18:]
 
 

@@ -1,9 +1,8 @@
 """The compiled step, for one pendulum and for many. It holds no formula of its own.
 
-Pendulums are kept in `rows`, an array of shape (blocks, FIELDS, width): each block holds `width` pendulums side by
-side, one field after the other. A single environment is one block of width one. The loops over pendulums are innermost
-and run on local buffers of constant shape, so that root and division vectorise; without any fastmath flag the
-arithmetic is IEEE's in either case, so that a pendulum gets the same bits alone and among others.
+Pendulums stand in `rows` as layout.py says. The loops over pendulums are innermost and run on local buffers of constant
+shape, so that root and division vectorise; without any fastmath flag the arithmetic is IEEE's in either case, so that
+a pendulum gets the same bits alone and among others.
 """
 
 from __future__ import annotations
@@ -18,87 +17,71 @@ from pathlib import Path
 import numba
 import numpy as np
 from numba.extending import register_jitable
-from numpy.typing import NDArray
 
-from spring_pendulum_env import integrators, physics, tasks
-from spring_pendulum_env.integrators import DRIFTS, KICKS, RK_A, RK_B, RK_E3, RK_E5, RK_ORDER
-from spring_pendulum_env.physics import Parameters
-from spring_pendulum_env.equilibria import vertical_state
-from spring_pendulum_env.scenario import Scenario
-
-FloatArray = NDArray[np.float64]
-
-WIDTH = 64
-"""Pendulums in a block."""
-
-# The fields of a pendulum in `rows`, and where each begins.
-STATE = 0  # 18: positions of anchor, m1, m2, then their velocities
-FORCE = 18  # 3, newtons
-PHYSICS = 21  # 11: Parameters.constants()
-STEP = 32  # length of a step of the splitting, s
-DRAG = 33  # 3: Parameters.drag_rates()
-MASSES = 36  # 3
-HEIGHTS = 39  # 2: where the springs' far ends belong
-REST_ENERGY = 41
-START_ENERGY = 42
-CLOCK = 43  # control periods since the start
-WORK = 44
-DISSIPATED = 45
-TIME = 46
-ENERGY = 47
-EXCESS = 48
-ERROR = 49
-REWARD = 50
-ENDED = 51  # 1 where the task's condition to end is met
-TERMS = 52  # 5: the weighted reward terms
-STATUS = 57  # what went wrong in the step
-ACTION = 58  # 3: in units of max_force, zero on held axes
-STEPS = 61  # steps of the splitting in a control period
-NEXT = 62  # 18: the state that a scheme arrived at
-LOST = 80  # what drag took on the way
-GUARDED = 81  # 1 where the splitting came too close to zero length
-FIELDS = 82
-
-FINE, BAD_ACTION, NOT_FINITE, TOO_MANY_STEPS = range(4)
-
-# The numbers that all pendulums of an environment share, in `settings`.
-SETTINGS = (
-    "control_period",
-    "tolerance",
-    "max_force",
-    "anchor_travel",
-    "largest_deviation",
-    "axes",
-    "energy_scale",
-    "posture_scale",
-    "velocity_scale",
-    "centring_scale",
-    "weights",
+from spring_pendulum_env import integrators, layout, physics, tasks
+from spring_pendulum_env.integrators import (
+    DRIFTS,
+    ERROR_MARGIN,
+    GUARD_TOLERANCE,
+    KICKS,
+    LONGEST_STEP,
+    MOST_STEPS,
+    RK_A,
+    RK_B,
+    RK_E3,
+    RK_E5,
+    RK_ORDER,
 )
-(
-    PERIOD,
-    TOLERANCE,
-    MAX_FORCE,
-    TRAVEL,
-    DEVIATION,
+from spring_pendulum_env.layout import (
+    ACTION,
     AXIS_COUNT,
-    ENERGY_SCALE,
-    POSTURE_SCALE,
-    VELOCITY_SCALE,
+    BAD_ACTION,
     CENTRING_SCALE,
+    CLOCK,
+    DEVIATION,
+    DISSIPATED,
+    DRAG,
+    ENDED,
+    ENERGY,
+    ENERGY_SCALE,
+    ERROR,
+    EXCESS,
+    FINE,
+    FORCE,
+    GUARDED,
+    HEIGHTS,
+    LOST,
+    MASSES,
+    MAX_FORCE,
+    NEXT,
+    NOT_FINITE,
+    PERIOD,
+    PHYSICS,
+    POSTURE_SCALE,
+    REST_ENERGY,
+    REWARD,
+    START_ENERGY,
+    STATE,
+    STATUS,
+    STEP,
+    STEPS,
+    TERMS,
+    TIME,
+    TOLERANCE,
+    TOO_MANY_STEPS,
+    TRAVEL,
+    VELOCITY_SCALE,
     WEIGHTS,
-) = range(len(SETTINGS))
+    WIDTH,
+    WORK,
+)
 
-GUARD_TOLERANCE = integrators.GUARD_TOLERANCE
-ERROR_MARGIN = integrators.ERROR_MARGIN
-LONGEST_STEP = integrators.LONGEST_STEP
-MOST_STEPS = integrators.MOST_STEPS
 STAGES = len(KICKS)
 
 
 def _source_hash() -> str:
     """Changes with any source that is compiled: numba's own cache key doesn't see edits in other files."""
-    sources = (Path(module.__file__ or "") for module in (physics, integrators, tasks))
+    sources = (Path(module.__file__ or "") for module in (physics, integrators, layout, tasks))
     text = b"".join(path.read_bytes() for path in (*sources, Path(__file__)))
     return hashlib.sha256(text).hexdigest()[:16]
 
@@ -113,13 +96,13 @@ def _cache_folder() -> Iterator[bool]:
         writable = os.access(folder, os.W_OK)
     except OSError:
         writable = False
-    before = numba.config.CACHE_DIR
+    before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
     if writable:
-        numba.config.CACHE_DIR = str(folder)
+        numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
     try:
         yield writable
     finally:
-        numba.config.CACHE_DIR = before
+        numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
 
 
 def _compiled(function):
@@ -448,64 +431,3 @@ def _step(rows, first, count, settings, moving):
 
 with _cache_folder() as _cached:
     step = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_step)
-
-
-def action_slice(actuated_axes: str) -> slice:
-    """Where the action's numbers stand among the fields; the axes in the order x, y, z."""
-    places = [ACTION + physics.AXES.index(axis) for axis in actuated_axes] or [0]
-    stride = 2 if actuated_axes == "xz" else 1
-    return slice(places[0], places[-1] + 1 if actuated_axes else 0, stride)
-
-
-def settings_of(scenario: Scenario) -> FloatArray:
-    """The numbers that all pendulums of an environment share."""
-    task = scenario.task
-    return np.array(
-        [
-            scenario.control_period,
-            0.0 if scenario.tolerance is None else scenario.tolerance,
-            scenario.max_force,
-            scenario.anchor_travel,
-            task.largest_deviation,
-            len(scenario.actuated_axes),
-            task.energy_scale,
-            task.posture_scale,
-            task.velocity_scale,
-            task.centring_scale,
-            *(task.weights.get(term, 0.0) for term in tasks.REWARD_TERMS),
-        ]
-    )
-
-
-def steps_in(control_period: float, constants: tuple[float, ...]) -> int:
-    """How many equal steps of the splitting a control period needs: no step longer than LONGEST_STEP, none in which
-    the fastest mode of the springs turns further than LARGEST_PHASE."""
-    w0x, w0y, w0z, w1, w2, k1, k2 = constants[:7]
-    fastest = physics.fastest_frequency(max(w0x, w0y, w0z), w1, w2, k1, k2)
-    needed = control_period * max(1.0 / LONGEST_STEP, fastest / integrators.LARGEST_PHASE)
-    return max(1, math.ceil(needed - 1e-9))
-
-
-def place(
-    rows: FloatArray, index: int, scenario: Scenario, parameters: Parameters, state: FloatArray, settings: FloatArray
-) -> None:
-    """Puts a pendulum with these parameters and this state (18 numbers) into `rows` and starts its episode."""
-    block, column = divmod(index, rows.shape[2])
-    row = rows[block, :, column]
-    constants = parameters.constants(scenario.actuated_axes)
-    masses = (parameters.m0, parameters.m1, parameters.m2)
-    heights = scenario.spring_heights(parameters)
-    rest = vertical_state(*heights)
-    steps = steps_in(scenario.control_period, constants)
-    row[STATE : STATE + 18] = state
-    row[ACTION : ACTION + 3] = 0.0
-    row[PHYSICS : PHYSICS + 11] = constants
-    row[DRAG : DRAG + 3] = parameters.drag_rates()
-    row[MASSES : MASSES + 3] = masses
-    row[HEIGHTS : HEIGHTS + 2] = heights
-    row[STEP] = scenario.control_period / steps
-    row[STEPS] = steps
-    row[STATUS] = FINE
-    row[REST_ENERGY] = physics.total_energy(*rest.tolist(), *masses, *constants[5:10])
-    row[CLOCK] = row[WORK] = row[DISSIPATED] = 0.0
-    step(rows, index, 1, settings, False)

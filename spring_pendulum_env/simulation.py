@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spring_pendulum_env import physics
-from spring_pendulum_env.equilibria import BODY_STATE, energy, full_state
+from spring_pendulum_env.equilibria import energy
 from spring_pendulum_env.physics import Parameters
 
 FloatArray = NDArray[np.float64]

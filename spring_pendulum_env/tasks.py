@@ -23,7 +23,7 @@ class Task:
 
     name: str
     actuated: bool
-    """Whether a force acts on the anchor; if not, it is held at the origin and the state has 12 numbers instead of 18."""
+    """Whether a force acts on the anchor; if not, it is held at the origin and observations have 12 numbers, not 18."""
     max_episode_steps: int
     equilibrium: str
     """The default of the argument of that name, or the fixed one."""
