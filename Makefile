@@ -1,0 +1,47 @@
+# The two commands: `make demo` does the main job, `make test` runs the tests. Each sets up what it needs.
+
+PYTHON ?= python3
+VENV ?= .venv
+BIN = $(VENV)/bin
+READY = $(VENV)/ready
+
+.PHONY: help install demo test check wheel-test clean
+
+help:
+	@echo "make demo        train a damping policy, compare it with doing nothing and LQR, draw the results (in demo/)"
+	@echo "make test        all tests, the wheel's too, and the checks"
+	@echo "make check       ruff and mypy"
+	@echo "make wheel-test  build the wheel and try it in an empty environment with the core dependencies alone"
+	@echo "make install     only make the virtual environment, $(VENV)"
+	@echo "make clean       remove what these commands made"
+
+install: $(READY)
+
+# A file that is written last marks a finished installation: an interrupted one is made anew.
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "Python 3.11 or newer is needed, and $(PYTHON) is older; name one: make PYTHON=python3.12"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+demo: $(READY)
+	$(BIN)/python scripts/demo.py
+
+check: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+# The first run of the compiled step fills its cache before several processes ask for it.
+test: check
+	@$(BIN)/python -c 'import gymnasium, spring_pendulum_env; gymnasium.make("SpringPendulumDamping-v0").reset()'
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal $(PYTEST)
+
+wheel-test: $(READY)
+	$(BIN)/python -m pytest tests/test_wheel.py $(PYTEST)
+
+clean:
+	rm -rf $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
