@@ -51,8 +51,9 @@ KICKS, DRIFTS = _splitting(
 )
 SPLITTING_ORDER = 6
 
-RK_A: NDArray[np.float64] = np.ascontiguousarray(DOP853.A)
-RK_B: NDArray[np.float64] = np.ascontiguousarray(DOP853.B)
+RK_STAGES: NDArray[np.float64] = np.vstack([DOP853.A, DOP853.B])
+"""Row s holds the weights of the slopes before stage s; the last stage is the new state itself."""
+
 RK_E3: NDArray[np.float64] = np.ascontiguousarray(DOP853.E3)
 RK_E5: NDArray[np.float64] = np.ascontiguousarray(DOP853.E5)
 RK_ORDER = 8

@@ -26,11 +26,10 @@ from spring_pendulum_env.integrators import (
     KICKS,
     LONGEST_STEP,
     MOST_STEPS,
-    RK_A,
-    RK_B,
     RK_E3,
     RK_E5,
     RK_ORDER,
+    RK_STAGES,
 )
 from spring_pendulum_env.layout import (
     ACTION,
@@ -226,8 +225,8 @@ def _guard(b, count):
 
 
 @_compiled
-def _slope(y, c, out):
-    """Derivative of the state y with the constants c (FORCE to HEIGHTS); in out[18] the power that drag dissipates."""
+def _slope(y, c, k, s):
+    """Derivative of the state y, and the power that drag dissipates, into k[s]; c has the fields before HEIGHTS."""
     d = physics.derivatives(
         y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7], y[8],
         y[9], y[10], y[11], y[12], y[13], y[14], y[15], y[16], y[17],
@@ -237,11 +236,33 @@ def _slope(y, c, out):
         c[DRAG], c[DRAG + 1], c[DRAG + 2],
     )  # fmt: skip
     for i in range(18):
-        out[i] = d[i]
-    out[18] = physics.weighted_squares(
+        k[s, i] = d[i]
+    k[s, 18] = physics.weighted_squares(
         y[9], y[10], y[11], y[12], y[13], y[14], y[15], y[16], y[17],
         c[DRAG] * c[MASSES], c[DRAG + 1] * c[MASSES + 1], c[DRAG + 2] * c[MASSES + 2],
     )  # fmt: skip
+
+
+@_compiled
+def _step_error(y, new, k, h, allowed):
+    """Estimated error of a Dormand-Prince step from y to new, as a multiple of allowed (1 + |y|) in the component that
+    is worst; infinite where it is no number."""
+    worst3 = 0.0
+    worst5 = 0.0
+    for i in range(19):
+        error3 = 0.0
+        error5 = 0.0
+        for r in range(13):
+            error3 += RK_E3[r] * k[r, i]
+            error5 += RK_E5[r] * k[r, i]
+        scale = allowed * (1.0 + max(abs(y[i]), abs(new[i])))
+        if not math.isfinite(error3 + error5 + scale):
+            return math.inf
+        worst3 = max(worst3, abs(error3) / scale)
+        worst5 = max(worst5, abs(error5) / scale)
+    if worst5 == 0.0:
+        return 0.0
+    return h * worst5 * worst5 / math.sqrt(worst5 * worst5 + 0.01 * worst3 * worst3)
 
 
 @_compiled
@@ -254,7 +275,6 @@ def _adaptive(rows, block, j, period, tolerance):
     c = np.empty(HEIGHTS)  # the fields before HEIGHTS
     y = np.empty(19)  # the state, and what drag dissipates
     new = np.empty(19)
-    slope = np.empty(19)
     k = np.empty((13, 19))
     for i in range(HEIGHTS):
         c[i] = rows[block, i, j]
@@ -267,38 +287,19 @@ def _adaptive(rows, block, j, period, tolerance):
     allowed = ERROR_MARGIN * tolerance
     rejected = False
     status = TOO_MANY_STEPS
-    _slope(y, c, slope)
-    k[0, :] = slope
+    begin = 0  # the first stage's slope is the last one's of the step before
     for _ in range(MOST_STEPS):
         last = time + step >= period * (1.0 - 1e-14)
         h = period - time if last else step
-        for s in range(1, 13):
-            slope[:] = 0.0
-            for r in range(s):
-                weight = RK_A[s, r] if s < 12 else RK_B[r]
-                if weight != 0.0:
-                    for i in range(19):
-                        slope[i] += weight * k[r, i]
+        for s in range(begin, 13):
             for i in range(19):
-                new[i] = y[i] + h * slope[i]
-            _slope(new, c, slope)
-            k[s, :] = slope
-        worst3 = 0.0
-        worst5 = 0.0
-        for i in range(19):
-            error3 = 0.0
-            error5 = 0.0
-            for r in range(13):
-                error3 += RK_E3[r] * k[r, i]
-                error5 += RK_E5[r] * k[r, i]
-            scale = allowed * (1.0 + max(abs(y[i]), abs(new[i])))
-            worst3 = max(worst3, abs(error3) / scale)
-            worst5 = max(worst5, abs(error5) / scale)
-            if not math.isfinite(error3):
-                worst3 = math.inf
-        error = h * worst5 * worst5 / math.sqrt(worst5 * worst5 + 0.01 * worst3 * worst3) if worst5 > 0.0 else 0.0
-        if not math.isfinite(worst3) or not math.isfinite(error):
-            error = math.inf
+                change = 0.0
+                for r in range(s):
+                    change += RK_STAGES[s, r] * k[r, i]
+                new[i] = y[i] + h * change
+            _slope(new, c, k, s)
+        begin = 1
+        error = _step_error(y, new, k, h, allowed)
         factor = 10.0 if error == 0.0 else min(10.0, max(0.2, 0.9 * error ** (-1.0 / RK_ORDER)))
         if error < 1.0 or h <= smallest:
             time += h

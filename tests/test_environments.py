@@ -50,7 +50,7 @@ def test_gymnasium_check_passes_without_warnings(env: gym.Env[Any, Any]) -> None
         check_env(env.unwrapped, skip_render_check=True)
 
 
-@pytest.mark.parametrize("name", ACTUATED)
+@pytest.mark.parametrize("name", IDS)
 def test_stable_baselines_check_passes_without_warnings(name: str) -> None:
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     with warnings.catch_warnings():
