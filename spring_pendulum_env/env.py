@@ -199,7 +199,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         super().reset(seed=seed)
         parameters, state = self.scenario.draw(self.np_random, options)
         layout.fill(self._rows, 0, self.scenario, parameters, state)
-        kernels.step(self._rows, 0, 1, self._settings, False)
+        kernels.step(self._rows, self._settings)
         self._parameters = parameters
         self._constants = parameters.as_dict()
         self._started = True
@@ -228,7 +228,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         if not self._started:
             raise gym.error.ResetNeeded("step called before reset: call reset first")
         self._set_action(action)
-        status = kernels.step(self._rows, 0, 1, self._settings, True)
+        status = kernels.step(self._rows, self._settings)
         if status != layout.FINE:
             self._refuse(status, action)
         outcome = self._outcome.tolist()

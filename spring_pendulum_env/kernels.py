@@ -34,6 +34,7 @@ from spring_pendulum_env.integrators import (
 from spring_pendulum_env.layout import (
     ACTION,
     AXIS_COUNT,
+    AXIS_SLOTS,
     BAD_ACTION,
     CENTRING_SCALE,
     CLOCK,
@@ -47,6 +48,7 @@ from spring_pendulum_env.layout import (
     EXCESS,
     FINE,
     FORCE,
+    FRESH,
     GUARDED,
     HEIGHTS,
     LOST,
@@ -134,7 +136,8 @@ def _apply_actions(rows, block, first, count, max_force):
         for i in range(3):
             action = rows[block, ACTION + i, j]
             finite &= math.isfinite(action)
-            rows[block, FORCE + i, j] = max_force * min(max(action, -1.0), 1.0)
+            force = max_force * min(max(action, -1.0), 1.0)
+            rows[block, FORCE + i, j] = force if rows[block, FRESH, j] == 0.0 else 0.0
         rows[block, STATUS, j] = FINE if finite else BAD_ACTION
 
 
@@ -322,9 +325,19 @@ def _adaptive(rows, block, j, period, tolerance):
 
 @_compiled
 def _arrive(rows, block, first, count):
-    """Makes NEXT the state, and books work, dissipation and time; pendulums that aren't FINE stay as they were."""
+    """Makes NEXT the state, and books work, dissipation and time.
+
+    Pendulums that were just placed, or whose STATUS isn't FINE, stay as they are.
+    """
     for j in range(first, first + count):
-        if rows[block, STATUS, j] == FINE:
+        total = 0.0
+        for i in range(18):
+            total += rows[block, NEXT + i, j]
+        fresh = rows[block, FRESH, j] != 0.0
+        rows[block, FRESH, j] = 0.0
+        if not fresh and rows[block, STATUS, j] == FINE and not math.isfinite(total):
+            rows[block, STATUS, j] = NOT_FINITE
+        if not fresh and rows[block, STATUS, j] == FINE:
             for i in range(3):
                 moved = rows[block, NEXT + i, j] - rows[block, STATE + i, j]
                 rows[block, WORK, j] += rows[block, FORCE + i, j] * moved
@@ -398,11 +411,11 @@ def _report(rows, block, first, count, settings):
             rows[block, i, first + j] = b[i, j]
 
 
-def _step(rows, first, count, settings, moving):
-    """One control period, if `moving`, and the report, of the pendulums from `first` to before `first + count`.
+@_compiled
+def _advance(rows, first, count, settings):
+    """One control period and the report of the pendulums from `first` to before `first + count`.
 
-    Returns:
-        The largest STATUS of them. A pendulum whose STATUS isn't FINE has kept its state.
+    Pendulums that were just placed are only reported. Returns the largest STATUS.
     """
     width = rows.shape[2]
     tolerance = settings[TOLERANCE]
@@ -416,13 +429,13 @@ def _step(rows, first, count, settings, moving):
                 break
             run += 1
         _apply_actions(rows, block, column, run, settings[MAX_FORCE])
-        if moving:
-            if tolerance == 0.0:
-                _splitting(rows, block, column, run)
-            for j in range(column, column + run):
-                if rows[block, STATUS, j] == FINE and (tolerance != 0.0 or rows[block, GUARDED, j] != 0.0):
-                    _adaptive(rows, block, j, settings[PERIOD], GUARD_TOLERANCE if tolerance == 0.0 else tolerance)
-            _arrive(rows, block, column, run)
+        if tolerance == 0.0:
+            _splitting(rows, block, column, run)
+        for j in range(column, column + run):
+            wanted = tolerance != 0.0 or rows[block, GUARDED, j] != 0.0
+            if wanted and rows[block, STATUS, j] == FINE and rows[block, FRESH, j] == 0.0:
+                _adaptive(rows, block, j, settings[PERIOD], GUARD_TOLERANCE if tolerance == 0.0 else tolerance)
+        _arrive(rows, block, column, run)
         _report(rows, block, column, run, settings)
         for j in range(column, column + run):
             worst = max(worst, int(rows[block, STATUS, j]))
@@ -430,5 +443,47 @@ def _step(rows, first, count, settings, moving):
     return worst
 
 
+def _step(rows, settings):
+    """One control period of a single pendulum, or only the report if it was just placed. Returns its STATUS."""
+    return _advance(rows, 0, 1, settings)
+
+
+def _step_batch(rows, first, count, settings, actions, observations, outcomes, forces, ended):
+    """`_step` for the pendulums from `first` to before `first + count`, with their actions and results.
+
+    Args:
+        actions: shape (pendulums, actuated axes).
+        observations: shape (pendulums, 12 or 18), written.
+        outcomes: shape (fields from WORK to before STATUS, pendulums), written.
+        forces: shape (pendulums, 3), written.
+        ended: shape (pendulums,), written.
+
+    Returns:
+        The largest STATUS.
+    """
+    width = rows.shape[2]
+    axes = actions.shape[1]
+    hidden = 9 - observations.shape[1] // 2  # numbers of the anchor that the observation leaves out
+    for index in range(first, first + count):
+        block, column = divmod(index, width)
+        for axis in range(axes):
+            rows[block, ACTION + int(settings[AXIS_SLOTS + axis]), column] = actions[index, axis]
+    worst = _advance(rows, first, count, settings)
+    for index in range(first, first + count):
+        block, column = divmod(index, width)
+        for i in range(9 - hidden):
+            observations[index, i] = rows[block, STATE + hidden + i, column]
+            observations[index, 9 - hidden + i] = rows[block, STATE + 9 + hidden + i, column]
+        for i in range(3):
+            forces[index, i] = rows[block, FORCE + i, column]
+        ended[index] = rows[block, ENDED, column] != 0.0
+    for i in range(STATUS - WORK):
+        for index in range(first, first + count):
+            block, column = divmod(index, width)
+            outcomes[i, index] = rows[block, WORK + i, column]
+    return worst
+
+
 with _cache_folder() as _cached:
     step = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_step)
+    step_batch = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_step_batch)

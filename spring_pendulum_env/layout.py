@@ -47,7 +47,8 @@ STEPS = 61  # steps of the splitting in a control period
 NEXT = 62  # 18: the state that a scheme arrived at
 LOST = 80  # what drag took on the way
 GUARDED = 81  # 1 where the splitting came too close to zero length
-FIELDS = 82
+FRESH = 82  # 1 where it was just placed: the next step only reports it
+FIELDS = 83
 
 FINE, BAD_ACTION, NOT_FINITE, TOO_MANY_STEPS = range(4)
 
@@ -65,13 +66,15 @@ FINE, BAD_ACTION, NOT_FINITE, TOO_MANY_STEPS = range(4)
     CENTRING_SCALE,
     WEIGHTS,  # 5, one for each reward term
 ) = range(11)
+AXIS_SLOTS = WEIGHTS + len(tasks.REWARD_TERMS)  # 3: which axis each number of an action belongs to
 
 
 def action_slice(actuated_axes: str) -> slice:
-    """Where the action's numbers stand among the fields; the axes in the order x, y, z."""
-    places = [ACTION + physics.AXES.index(axis) for axis in actuated_axes] or [0]
-    stride = 2 if actuated_axes == "xz" else 1
-    return slice(places[0], places[-1] + 1 if actuated_axes else 0, stride)
+    """Where the numbers of an action stand among the fields; the axes in the order x, y, z."""
+    if not actuated_axes:
+        return slice(0, 0)
+    first, last = (ACTION + physics.AXES.index(axis) for axis in (actuated_axes[0], actuated_axes[-1]))
+    return slice(first, last + 1, 2 if actuated_axes == "xz" else 1)
 
 
 def settings_of(scenario: Scenario) -> FloatArray:
@@ -90,6 +93,7 @@ def settings_of(scenario: Scenario) -> FloatArray:
             task.velocity_scale,
             task.centring_scale,
             *(task.weights.get(term, 0.0) for term in tasks.REWARD_TERMS),
+            *(physics.AXES.index(axis) for axis in scenario.actuated_axes),
         ]
     )
 
@@ -120,3 +124,4 @@ def fill(rows: FloatArray, index: int, scenario: Scenario, parameters: Parameter
     row[STEPS] = steps
     row[REST_ENERGY] = energy(parameters, vertical_state(*heights))
     row[CLOCK] = row[WORK] = row[DISSIPATED] = 0.0
+    row[FRESH] = 1.0
