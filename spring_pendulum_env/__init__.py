@@ -28,6 +28,7 @@ for _id, _task in TASKS.items():
         _gym.register(
             id=_id,
             entry_point="spring_pendulum_env.env:SpringPendulumEnv",
+            vector_entry_point="spring_pendulum_env.vector_env:SpringPendulumVectorEnv",
             max_episode_steps=_task.max_episode_steps,
             kwargs={"task": _task.name},
         )

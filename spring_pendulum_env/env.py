@@ -198,7 +198,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         """
         super().reset(seed=seed)
         parameters, state = self.scenario.draw(self.np_random, options)
-        layout.fill(self._rows, 0, self.scenario, parameters, state)
+        layout.fill(self._rows, 0, layout.template(self.scenario, parameters), state)
         kernels.step(self._rows, self._settings)
         self._parameters = parameters
         self._constants = parameters.as_dict()
@@ -273,10 +273,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
     def _refuse(self, status: int, action: Any) -> None:
         if status == layout.BAD_ACTION:
             raise ValueError(f"action = {action!r}: must be finite")
-        what = "has left the range of floating-point numbers"
-        if status == layout.TOO_MANY_STEPS:
-            what = f"needs more than {integrators.MOST_STEPS} steps of the adaptive scheme for one control period"
-        raise FloatingPointError(f"the motion {what} (state {self._full_state}, {self._parameters})")
+        raise FloatingPointError(f"{failure(status)} (state {self._full_state}, {self._parameters})")
 
     def _info(self, outcome: list[float]) -> dict[str, Any]:
         info: dict[str, Any] = {
@@ -296,3 +293,10 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
 
 
 _TIME, _ENERGY, _EXCESS, _ERROR, _REWARD, _ENDED = range(2, 8)
+
+
+def failure(status: int) -> str:
+    """What a STATUS of the compiled step other than FINE and BAD_ACTION means."""
+    if status == layout.TOO_MANY_STEPS:
+        return f"the motion needs more than {integrators.MOST_STEPS} steps of the adaptive scheme in one control period"
+    return "the motion has left the range of floating-point numbers"

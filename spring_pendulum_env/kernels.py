@@ -26,6 +26,7 @@ from spring_pendulum_env.integrators import (
     KICKS,
     LONGEST_STEP,
     MOST_STEPS,
+    REFINEMENT,
     RK_E3,
     RK_E5,
     RK_ORDER,
@@ -46,6 +47,7 @@ from spring_pendulum_env.layout import (
     ENERGY_SCALE,
     ERROR,
     EXCESS,
+    FIELDS,
     FINE,
     FORCE,
     FRESH,
@@ -78,6 +80,8 @@ from spring_pendulum_env.layout import (
 )
 
 STAGES = len(KICKS)
+CHUNK = 8
+"""Blocks that a batch takes through all parts of a step before it turns to the next ones."""
 
 
 def _source_hash() -> str:
@@ -412,6 +416,37 @@ def _report(rows, block, first, count, settings):
 
 
 @_compiled
+def _refine(rows, first, count):
+    """Does the steps again that came too close to zero length, REFINEMENT times finer, side by side.
+
+    Those that are too close even so stay marked in GUARDED.
+    """
+    width = rows.shape[2]
+    scratch = np.empty((1, FIELDS, WIDTH))
+    origin = np.empty(WIDTH, dtype=np.int64)
+    gathered = 0
+    for index in range(first, first + count + 1):
+        here = index < first + count
+        block, column = divmod(index, width)
+        if gathered > 0 and (
+            not here or gathered == WIDTH or rows[block, STEPS, column] * REFINEMENT != scratch[0, STEPS, 0]
+        ):
+            _splitting(scratch, 0, 0, gathered)
+            for n in range(gathered):
+                to_block, to_column = divmod(origin[n], width)
+                for i in range(NEXT, GUARDED + 1):
+                    rows[to_block, i, to_column] = scratch[0, i, n]
+            gathered = 0
+        if here and rows[block, GUARDED, column] != 0.0:
+            for i in range(HEIGHTS):
+                scratch[0, i, gathered] = rows[block, i, column]
+            scratch[0, STEP, gathered] = rows[block, STEP, column] / REFINEMENT
+            scratch[0, STEPS, gathered] = rows[block, STEPS, column] * REFINEMENT
+            origin[gathered] = index
+            gathered += 1
+
+
+@_compiled
 def _advance(rows, first, count, settings):
     """One control period and the report of the pendulums from `first` to before `first + count`.
 
@@ -419,7 +454,7 @@ def _advance(rows, first, count, settings):
     """
     width = rows.shape[2]
     tolerance = settings[TOLERANCE]
-    worst = FINE
+    guarded = False
     index = first
     while index < first + count:
         block, column = divmod(index, width)
@@ -431,10 +466,23 @@ def _advance(rows, first, count, settings):
         _apply_actions(rows, block, column, run, settings[MAX_FORCE])
         if tolerance == 0.0:
             _splitting(rows, block, column, run)
-        for j in range(column, column + run):
-            wanted = tolerance != 0.0 or rows[block, GUARDED, j] != 0.0
-            if wanted and rows[block, STATUS, j] == FINE and rows[block, FRESH, j] == 0.0:
-                _adaptive(rows, block, j, settings[PERIOD], GUARD_TOLERANCE if tolerance == 0.0 else tolerance)
+            for j in range(column, column + run):
+                guarded |= rows[block, GUARDED, j] != 0.0
+        index += run
+    if guarded:
+        _refine(rows, first, count)
+    if guarded or tolerance != 0.0:
+        for index in range(first, first + count):
+            block, column = divmod(index, width)
+            wanted = tolerance != 0.0 or rows[block, GUARDED, column] != 0.0
+            if wanted and rows[block, STATUS, column] == FINE and rows[block, FRESH, column] == 0.0:
+                limit = GUARD_TOLERANCE if tolerance == 0.0 else tolerance
+                _adaptive(rows, block, column, settings[PERIOD], limit)
+    worst = FINE
+    index = first
+    while index < first + count:
+        block, column = divmod(index, width)
+        run = min(width - column, first + count - index)
         _arrive(rows, block, column, run)
         _report(rows, block, column, run, settings)
         for j in range(column, column + run):
@@ -448,13 +496,36 @@ def _step(rows, settings):
     return _advance(rows, 0, 1, settings)
 
 
+@_compiled
+def _collect(rows, first, count, observations, outcomes, forces, ended):
+    """Copies what the pendulums from `first` to before `first + count` report into arrays of one row each."""
+    width = rows.shape[2]
+    shown = observations.shape[1] // 2
+    hidden = 9 - shown  # positions of the anchor that the observation leaves out
+    index = first
+    while index < first + count:
+        block, column = divmod(index, width)
+        run = min(width - column, first + count - index)
+        for j in range(run):
+            for i in range(shown):
+                observations[index + j, i] = rows[block, STATE + hidden + i, column + j]
+                observations[index + j, shown + i] = rows[block, STATE + 9 + hidden + i, column + j]
+            for i in range(3):
+                forces[index + j, i] = rows[block, FORCE + i, column + j]
+            ended[index + j] = rows[block, ENDED, column + j] != 0.0
+        for i in range(STATUS - CLOCK):
+            for j in range(run):
+                outcomes[i, index + j] = rows[block, CLOCK + i, column + j]
+        index += run
+
+
 def _step_batch(rows, first, count, settings, actions, observations, outcomes, forces, ended):
     """`_step` for the pendulums from `first` to before `first + count`, with their actions and results.
 
     Args:
         actions: shape (pendulums, actuated axes).
         observations: shape (pendulums, 12 or 18), written.
-        outcomes: shape (fields from WORK to before STATUS, pendulums), written.
+        outcomes: shape (STATUS - CLOCK, pendulums), written: the fields from CLOCK to before STATUS.
         forces: shape (pendulums, 3), written.
         ended: shape (pendulums,), written.
 
@@ -462,28 +533,35 @@ def _step_batch(rows, first, count, settings, actions, observations, outcomes, f
         The largest STATUS.
     """
     width = rows.shape[2]
-    axes = actions.shape[1]
-    hidden = 9 - observations.shape[1] // 2  # numbers of the anchor that the observation leaves out
-    for index in range(first, first + count):
-        block, column = divmod(index, width)
-        for axis in range(axes):
-            rows[block, ACTION + int(settings[AXIS_SLOTS + axis]), column] = actions[index, axis]
-    worst = _advance(rows, first, count, settings)
-    for index in range(first, first + count):
-        block, column = divmod(index, width)
-        for i in range(9 - hidden):
-            observations[index, i] = rows[block, STATE + hidden + i, column]
-            observations[index, 9 - hidden + i] = rows[block, STATE + 9 + hidden + i, column]
-        for i in range(3):
-            forces[index, i] = rows[block, FORCE + i, column]
-        ended[index] = rows[block, ENDED, column] != 0.0
-    for i in range(STATUS - WORK):
-        for index in range(first, first + count):
+    for axis in range(actions.shape[1]):
+        slot = ACTION + int(settings[AXIS_SLOTS + axis])
+        index = first
+        while index < first + count:
             block, column = divmod(index, width)
-            outcomes[i, index] = rows[block, WORK + i, column]
+            run = min(width - column, first + count - index)
+            for j in range(run):
+                rows[block, slot, column + j] = actions[index + j, axis]
+            index += run
+    worst = FINE
+    chunk = CHUNK * width  # what stays in the processor's cache from the integration to the report
+    for start in range(first, first + count, chunk):
+        size = min(chunk, first + count - start)
+        worst = max(worst, _advance(rows, start, size, settings))
+        _collect(rows, start, size, observations, outcomes, forces, ended)
+    return worst
+
+
+def _report_placed(rows, indices, settings, observations, outcomes, forces, ended):
+    """Reports the pendulums at `indices`, which were just placed, into the arrays that `_step_batch` writes."""
+    worst = FINE
+    for index in indices:
+        worst = max(worst, _advance(rows, index, 1, settings))
+        _collect(rows, index, 1, observations, outcomes, forces, ended)
     return worst
 
 
 with _cache_folder() as _cached:
     step = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_step)
     step_batch = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_step_batch)
+    report_placed = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_report_placed)
+    collect = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_collect.py_func)

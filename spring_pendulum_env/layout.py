@@ -107,21 +107,25 @@ def steps_in(control_period: float, constants: tuple[float, ...]) -> int:
     return max(1, math.ceil(needed - 1e-9))
 
 
-def fill(rows: FloatArray, index: int, scenario: Scenario, parameters: Parameters, state: FloatArray) -> None:
-    """Puts a pendulum with these parameters and this state (18 numbers) in its place in `rows`."""
-    block, column = divmod(index, rows.shape[2])
-    row = rows[block, :, column]
+def template(scenario: Scenario, parameters: Parameters) -> FloatArray:
+    """All fields of a pendulum with these parameters that was just placed, but for its state; shape (FIELDS,)."""
+    fields = np.zeros(FIELDS)
     constants = parameters.constants(scenario.actuated_axes)
     heights = scenario.spring_heights(parameters)
     steps = steps_in(scenario.control_period, constants)
-    row[STATE : STATE + 18] = state
-    row[ACTION : ACTION + 3] = 0.0
-    row[PHYSICS : PHYSICS + 11] = constants
-    row[DRAG : DRAG + 3] = parameters.drag_rates()
-    row[MASSES : MASSES + 3] = parameters.m0, parameters.m1, parameters.m2
-    row[HEIGHTS : HEIGHTS + 2] = heights
-    row[STEP] = scenario.control_period / steps
-    row[STEPS] = steps
-    row[REST_ENERGY] = energy(parameters, vertical_state(*heights))
-    row[CLOCK] = row[WORK] = row[DISSIPATED] = 0.0
-    row[FRESH] = 1.0
+    fields[PHYSICS : PHYSICS + 11] = constants
+    fields[DRAG : DRAG + 3] = parameters.drag_rates()
+    fields[MASSES : MASSES + 3] = parameters.m0, parameters.m1, parameters.m2
+    fields[HEIGHTS : HEIGHTS + 2] = heights
+    fields[STEP] = scenario.control_period / steps
+    fields[STEPS] = steps
+    fields[REST_ENERGY] = energy(parameters, vertical_state(*heights))
+    fields[FRESH] = 1.0
+    return fields
+
+
+def fill(rows: FloatArray, index: int, fields: FloatArray, state: FloatArray) -> None:
+    """Puts a pendulum in its place: the fields of its `template`, and its state of 18 numbers."""
+    block, column = divmod(index, rows.shape[2])
+    rows[block, :, column] = fields
+    rows[block, STATE : STATE + 18, column] = state

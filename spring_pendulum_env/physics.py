@@ -83,7 +83,7 @@ class Parameters:
         """A copy with some constants changed; raises like `of`."""
         if isinstance(changes, Parameters):
             return changes
-        if changes is None:
+        if changes is None or changes == {}:
             return self
         if not isinstance(changes, Mapping):
             raise ValueError(f"parameters = {changes!r}: must be a mapping of names to numbers, or Parameters")

@@ -1,0 +1,451 @@
+"""Many pendulums at once: rows, automatic resets, the time limit, and nothing else."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from spring_pendulum_env import kernels, layout
+from spring_pendulum_env.env import failure
+from spring_pendulum_env.physics import Parameters
+from spring_pendulum_env.scenario import Scenario, Tolerance
+from spring_pendulum_env.tasks import REWARD_TERMS, task_named
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+# Names of the infos that are numbers, and where each stands among the outcomes of a step.
+_NUMBERS = {
+    "time": layout.TIME,
+    "energy": layout.ENERGY,
+    "excess_energy": layout.EXCESS,
+    "energy_error": layout.ERROR,
+    "work": layout.WORK,
+    "dissipated": layout.DISSIPATED,
+}
+
+
+class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
+    """`num_envs` pendulums, integrated, observed, rewarded and ended by one call of the compiled step.
+
+    `gym.make_vec(id, num_envs=N, ...)` makes it; the arguments are those of `SpringPendulumEnv`, and those below. Each
+    row gives the bits that a single environment gives with the same seed and actions; row i of `reset(seed=s)` is a
+    single environment's `reset(seed=s + i)`.
+
+    Infos have Gymnasium's vector form: arrays of shape (num_envs, ...), and for each key a mask `_key` of the rows that
+    have it. The arrays of `parameters` and the masks are read-only, since they are handed out again as long as no row
+    starts anew.
+
+    Args:
+        num_envs: rows.
+        max_episode_steps: after so many steps a row is truncated; None: never.
+        autoreset_mode: `NEXT_STEP` (the step after an ended one resets the row), `SAME_STEP` (the ending step returns
+            the new start, and the end as `final_obs` and `final_info`), or `DISABLED`
+            (`reset(options={"reset_mask": ...})` says which rows to reset). A mode or its name.
+        threads: how many threads share the rows; the bits don't depend on it.
+        render_rows: rows that `render` draws; None: all.
+
+    Raises:
+        ValueError: a wrong argument.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["rgb_array"],
+        "render_fps": 50,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int,
+        task: str,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 1,
+        render_rows: Sequence[int] | None = None,
+        render_mode: str | None = None,
+        parameters: Parameters | Mapping[str, float] | None = None,
+        control_period: float = 0.02,
+        tolerance: Tolerance = "default",
+        randomise: Mapping[str, tuple[float, float]] | None = None,
+        start_scale: float = 1.0,
+        max_force: float | None = None,
+        anchor_travel: float | None = None,
+        actuated_axes: str | None = None,
+        equilibrium: str | None = None,
+    ) -> None:
+        self.scenario = Scenario.of(
+            task_named(task),
+            parameters=parameters,
+            control_period=control_period,
+            tolerance=tolerance,
+            randomise=randomise,
+            start_scale=start_scale,
+            max_force=max_force,
+            anchor_travel=anchor_travel,
+            actuated_axes=actuated_axes,
+            equilibrium=equilibrium,
+        )
+        self.num_envs = _positive_integer("num_envs", num_envs)
+        self.threads = _positive_integer("threads", threads)
+        self.max_episode_steps: float = np.inf
+        if max_episode_steps is not None:
+            self.max_episode_steps = _positive_integer("max_episode_steps", max_episode_steps)
+        self.autoreset_mode = _mode(autoreset_mode)
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode = {render_mode!r}: must be None or 'rgb_array'")
+        self.render_mode = render_mode
+        self.render_rows = range(num_envs) if render_rows is None else list(render_rows)
+        for row in self.render_rows:
+            if row not in range(num_envs):
+                raise ValueError(f"render_rows = {render_rows!r}: {row!r} must be in 0 to {num_envs - 1}")
+        self.metadata = {
+            **self.metadata,
+            "render_fps": round(1.0 / control_period),
+            "autoreset_mode": self.autoreset_mode,
+        }
+        self.single_observation_space = spaces.Box(-np.inf, np.inf, (self.scenario.state_size,), np.float64)
+        self.single_action_space = spaces.Box(-1.0, 1.0, (len(self.scenario.actuated_axes),), np.float32)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+
+        width = min(num_envs, layout.WIDTH)
+        self._settings = layout.settings_of(self.scenario)
+        self._template = layout.template(self.scenario, self.scenario.parameters)
+        self._rows = np.zeros((-(-num_envs // width), layout.FIELDS, width))
+        self._pool = concurrent.futures.ThreadPoolExecutor(self.threads) if self.threads > 1 else None
+        self._shares = _shares(num_envs, width, self.threads)
+        self._numbers = _NUMBERS | {
+            f"reward_{term}": layout.TERMS + REWARD_TERMS.index(term) for term in self.scenario.task.terms
+        }
+        self._randoms: list[np.random.Generator | None] = [None] * num_envs
+        self._constants = {name: np.zeros(num_envs) for name in Parameters.names()}
+        self._shown_constants: dict[str, FloatArray | BoolArray] | None = None
+        self._all = _read_only(np.ones(num_envs, dtype=np.bool_))
+        self._ended: BoolArray = np.zeros(num_envs, dtype=np.bool_)
+        self._renderers: dict[int, Any] = {}
+        self._started = False
+
+    @property
+    def states(self) -> FloatArray:
+        """The states with the anchor, shape (num_envs, 18), whatever the observations show of them; a copy."""
+        states = self._rows[:, layout.STATE : layout.STATE + 18].transpose(0, 2, 1)
+        return states.reshape(-1, 18)[: self.num_envs].copy()
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[FloatArray, dict[str, Any]]:
+        """Starts an episode in every row, or in those of `options["reset_mask"]`.
+
+        Args:
+            seed: row i is seeded with seed + i, or with the i-th of a sequence; None goes on with the random numbers.
+            options: "state", shape (12 or 18,), or one such row for each; "parameters", of numbers, or arrays with one
+                number for each row; "reset_mask", a boolean array of the rows to reset.
+
+        Returns:
+            Observations of all rows, and infos of those that were reset.
+
+        Raises:
+            ValueError: a wrong seed or option; nothing is reset then.
+            ResetNeeded: a reset_mask before all rows were reset.
+        """
+        seeds = _seeds(seed, self.num_envs)
+        options = self._checked_options(options)
+        chosen = options.pop("reset_mask", self._all)
+        if not self._started and not chosen.all():
+            raise gym.error.ResetNeeded("reset with a reset_mask before all rows were reset: reset them all first")
+        rows = np.flatnonzero(chosen)
+        for row in rows.tolist():
+            if seeds[row] is not None or self._randoms[row] is None:
+                self._randoms[row], _ = seeding.np_random(seeds[row])
+        self._place(rows, options)
+        results = _Results.empty(self.num_envs, self.scenario.state_size)
+        self._report_placed(rows, results)
+        if rows.size < self.num_envs:
+            kernels.collect(self._rows, 0, self.num_envs, *results)
+        self._started = True
+        self._ended[rows] = False
+        return results.observations, self._infos(results, chosen)
+
+    def step(self, actions: Any) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
+        """One control period of every row.
+
+        Args:
+            actions: shape (num_envs, actuated axes), clipped to [-1, 1]; None will do for the passive task.
+
+        Returns:
+            Observations, rewards, terminations, truncations, infos.
+
+        Raises:
+            ValueError: actions of the wrong shape, or not finite, with the rows named; nothing moves then.
+            ResetNeeded: never reset, or (mode DISABLED) rows that have ended, named.
+            FloatingPointError: rows, named, whose motion has left the range of floating-point numbers.
+        """
+        if not self._started:
+            raise gym.error.ResetNeeded("step called before reset: call reset first")
+        numbers = self._checked_actions(actions)
+        restarted = np.flatnonzero(self._ended) if self._ended.any() else None
+        if restarted is not None:
+            if self.autoreset_mode == AutoresetMode.DISABLED:
+                raise gym.error.ResetNeeded(f"rows {_some(restarted)} have ended: reset them with a reset_mask first")
+            self._place(restarted, {})
+            self._ended[restarted] = False
+
+        results = _Results.empty(self.num_envs, self.scenario.state_size)
+        self._advance(numbers, results)
+        terminated = results.ended
+        truncated = results.field(layout.CLOCK) >= self.max_episode_steps
+        rewards = results.field(layout.REWARD).copy()
+        if restarted is not None:  # these rows were reset instead of stepped
+            rewards[restarted] = 0.0
+            terminated[restarted] = False
+        ended = terminated | truncated
+        infos: dict[str, Any] = {}
+        if self.autoreset_mode != AutoresetMode.SAME_STEP:
+            self._ended = ended
+        elif ended.any():
+            last = np.flatnonzero(ended)
+            infos = self._final(results, last, ended)
+            terminated = terminated.copy()
+            self._place(last, {})
+            self._report_placed(last, results)
+        return results.observations, rewards, terminated, truncated, infos | self._infos(results, self._all)
+
+    def render(self) -> tuple[Any, ...] | None:
+        """A frame of each of `render_rows`, shape (height, width, 3), uint8; None without a render_mode.
+
+        Raises:
+            DependencyNotInstalled: pygame isn't there; the message says how to install it.
+        """
+        if self.render_mode is None:
+            gym.logger.warn('render called without a render_mode: gym.make_vec(..., render_mode="rgb_array") sets one.')
+            return None
+        return tuple(self._frame(row) for row in self.render_rows)
+
+    def close_extras(self, **_: Any) -> None:
+        """Ends the threads; called by `close`."""
+        for renderer in self._renderers.values():
+            renderer.close()
+        self._renderers.clear()
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    def _place(self, rows: NDArray[np.intp], options: Mapping[str, Any]) -> None:
+        """Gives rows new episodes; all of them are drawn before the first is placed, so an error changes no row."""
+        drawn = []
+        for row in rows.tolist():
+            own = {name: _of_row(name, value, row) for name, value in options.items()}
+            drawn.append(self.scenario.draw(self._randoms[row], own))
+        for row, (parameters, state) in zip(rows.tolist(), drawn, strict=True):
+            usual = parameters is self.scenario.parameters
+            fields = self._template if usual else layout.template(self.scenario, parameters)
+            layout.fill(self._rows, row, fields, state)
+            if row in self._renderers:
+                self._renderers[row].forget()
+        for name in self._constants:
+            values = [getattr(parameters, name) for parameters, _ in drawn]
+            if not np.array_equal(self._constants[name][rows], values):
+                self._constants[name][rows] = values
+                self._shown_constants = None
+
+    def _report_placed(self, rows: NDArray[np.intp], results: _Results) -> None:
+        self._check(kernels.report_placed(self._rows, rows, self._settings, *results))
+
+    def _advance(self, actions: FloatArray, results: _Results) -> None:
+        def share(first: int, count: int) -> int:
+            status: int = kernels.step_batch(self._rows, first, count, self._settings, actions, *results)
+            return status
+
+        if self._pool is None:
+            self._check(share(0, self.num_envs))
+        else:
+            self._check(max(self._pool.map(share, *zip(*self._shares, strict=True))))
+
+    def _check(self, status: int) -> None:
+        if status != layout.FINE:
+            stati = self._rows[:, layout.STATUS].reshape(-1)[: self.num_envs]
+            raise FloatingPointError(f"rows {_some(np.flatnonzero(stati != layout.FINE))}: {failure(status)}")
+
+    def _checked_actions(self, actions: Any) -> FloatArray:
+        shape = (self.num_envs, len(self.scenario.actuated_axes))
+        if actions is None and not self.scenario.task.actuated:
+            return np.zeros(shape)
+        try:
+            numbers = np.ascontiguousarray(actions, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ValueError(f"actions = {actions!r}: must be numbers of shape {shape}") from None
+        if numbers.shape != shape:
+            raise ValueError(f"actions of shape {numbers.shape}: must have shape {shape}")
+        if not np.isfinite(numbers).all():
+            wrong = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
+            raise ValueError(f"actions of rows {_some(wrong)}: must be finite")
+        return numbers
+
+    def _checked_options(self, options: Any) -> dict[str, Any]:
+        """The options with arrays whose length is right, scalars made into arrays of one number for each row."""
+        if options is None:
+            return {}
+        if not isinstance(options, Mapping):
+            raise ValueError(f"options = {options!r}: must be a mapping of 'state', 'parameters' and 'reset_mask'")
+        checked = dict(options)
+        if checked.get("reset_mask") is None:
+            checked.pop("reset_mask", None)
+        else:
+            mask = np.asarray(checked["reset_mask"])
+            if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
+                raise ValueError(
+                    f"reset_mask = {mask}: must be booleans of shape ({self.num_envs},), at least one of them true"
+                )
+            checked["reset_mask"] = mask
+        if checked.get("state") is not None:
+            try:
+                state = np.asarray(checked["state"], dtype=np.float64)
+                checked["state"] = np.broadcast_to(state, (self.num_envs, self.scenario.state_size))
+            except (TypeError, ValueError):
+                size = self.scenario.state_size
+                raise ValueError(
+                    f"state of shape {np.shape(checked['state'])}: must be numbers of shape ({size},) or "
+                    f"({self.num_envs}, {size})"
+                ) from None
+        if isinstance(checked.get("parameters"), Parameters):
+            checked["parameters"] = checked["parameters"].as_dict()
+        if isinstance(checked.get("parameters"), Mapping):
+            for name, value in checked["parameters"].items():
+                if np.shape(value) not in ((), (self.num_envs,)):
+                    raise ValueError(
+                        f"parameter {name} of shape {np.shape(value)}: must be a number, or {self.num_envs} numbers"
+                    )
+        return checked
+
+    def _infos(self, results: _Results, chosen: BoolArray) -> dict[str, Any]:
+        """What the rows report, in Gymnasium's vector form; zero, and masked, in rows that aren't chosen."""
+        if self._shown_constants is None:
+            self._shown_constants = {}
+            for name, values in self._constants.items():
+                self._shown_constants[name] = _read_only(values.copy())
+                self._shown_constants[f"_{name}"] = self._all
+        if chosen is self._all:
+            return self._arrange(results.numbers(self._numbers), results.forces, dict(self._shown_constants), chosen)
+        numbers = {name: np.where(chosen, values, 0.0) for name, values in results.numbers(self._numbers).items()}
+        constants = {
+            name: chosen if name.startswith("_") else np.where(chosen, values, 0.0)
+            for name, values in self._shown_constants.items()
+        }
+        return self._arrange(numbers, np.where(chosen[:, None], results.forces, 0.0), constants, chosen)
+
+    def _arrange(
+        self, numbers: dict[str, FloatArray], forces: FloatArray, constants: dict[str, Any], mask: BoolArray
+    ) -> dict[str, Any]:
+        infos: dict[str, Any] = {}
+        for name, values in numbers.items():
+            infos[name] = values
+            infos[f"_{name}"] = mask
+        infos["parameters"] = constants
+        infos["_parameters"] = mask
+        if self.scenario.task.actuated:
+            infos["force"] = forces
+            infos["_force"] = mask
+        return infos
+
+    def _final(self, results: _Results, last: NDArray[np.intp], ended: BoolArray) -> dict[str, Any]:
+        """The last observations and infos of rows that ended in this step, before they are reset."""
+        observations = np.full(self.num_envs, None, dtype=object)
+        for row in last.tolist():
+            observations[row] = results.observations[row].copy()
+        return {
+            "final_obs": observations,
+            "_final_obs": ended,
+            "final_info": self._infos(results, ended.copy()),
+            "_final_info": ended,
+        }
+
+    def _frame(self, row: int) -> Any:
+        raise NotImplementedError
+
+
+class _Results(NamedTuple):
+    """New arrays for what a step reports, in the order of the compiled step's arguments."""
+
+    observations: FloatArray
+    outcomes: FloatArray
+    forces: FloatArray
+    ended: BoolArray
+
+    @classmethod
+    def empty(cls, num_envs: int, state_size: int) -> _Results:
+        return cls(
+            np.empty((num_envs, state_size)),
+            np.empty((layout.STATUS - layout.CLOCK, num_envs)),
+            np.empty((num_envs, 3)),
+            np.empty(num_envs, dtype=np.bool_),
+        )
+
+    def field(self, place: int) -> FloatArray:
+        """A field of all rows, from CLOCK to before STATUS."""
+        values: FloatArray = self.outcomes[place - layout.CLOCK]
+        return values
+
+    def numbers(self, places: Mapping[str, int]) -> dict[str, FloatArray]:
+        """Fields by name."""
+        return {name: self.outcomes[place - layout.CLOCK] for name, place in places.items()}
+
+
+def _positive_integer(name: str, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise ValueError(f"{name} = {value!r}: must be an integer >= 1")
+    return int(value)
+
+
+def _mode(value: AutoresetMode | str) -> AutoresetMode:
+    for mode in AutoresetMode:
+        if value in (mode, mode.value, mode.name):
+            return mode
+    raise ValueError(f"autoreset_mode = {value!r}: must be one of {', '.join(mode.name for mode in AutoresetMode)}")
+
+
+def _seeds(seed: int | Sequence[int | None] | None, num_envs: int) -> list[int | None]:
+    if seed is None:
+        return [None] * num_envs
+    if isinstance(seed, (int, np.integer)):
+        return [int(seed) + row for row in range(num_envs)]
+    if len(seed) != num_envs:
+        raise ValueError(f"seed of {len(seed)} numbers: must be one number, or one for each of the {num_envs} rows")
+    return list(seed)
+
+
+def _shares(num_envs: int, width: int, threads: int) -> list[tuple[int, int]]:
+    """First row and number of rows for each thread: whole blocks, shared evenly."""
+    blocks = -(-num_envs // width)
+    bounds = [min(num_envs, width * (blocks * share // threads)) for share in range(threads + 1)]
+    return [(low, high - low) for low, high in itertools.pairwise(bounds) if high > low]
+
+
+def _of_row(name: str, value: Any, row: int) -> Any:
+    """What an option with one value for each row says about one of them."""
+    if name == "state":
+        return None if value is None else value[row]
+    if name == "parameters" and isinstance(value, Mapping):
+        return {key: np.asarray(number)[row] if np.ndim(number) else number for key, number in value.items()}
+    return value
+
+
+def _read_only(array: Any) -> Any:
+    array.flags.writeable = False
+    return array
+
+
+def _some(rows: NDArray[np.intp]) -> str:
+    """The first few of some row numbers, for a message."""
+    shown = ", ".join(map(str, rows[:10].tolist()))
+    return f"{shown}, ... ({rows.size} in all)" if rows.size > 10 else shown

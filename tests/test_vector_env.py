@@ -1,0 +1,235 @@
+"""The native vector environment gives the bits of single environments, in every mode."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import NormalizeObservation, NormalizeReward, RecordEpisodeStatistics
+
+import spring_pendulum_env
+from spring_pendulum_env.tasks import TASKS
+
+IDS = list(TASKS)
+DAMPING = "SpringPendulumDamping-v0"
+WILD = {"randomise": {"k1": (60, 400), "R1": (0, 0.2)}, "start_scale": 2.0, "parameters": {"m1": 1.5}}
+
+
+def arguments(name: str, **more: Any) -> dict[str, Any]:
+    """Arguments under which rows end at different times, need different numbers of steps, and meet the guard."""
+    stable = {"equilibrium": "hanging-hanging"} if "Stabilisation" in name else {}
+    return {**WILD, **stable, **more}
+
+
+def assert_same_bits(ours: Any, theirs: Any, path: str = "") -> None:
+    """Equal types, shapes and bits, all the way down."""
+    if isinstance(theirs, dict):
+        assert set(ours) == set(theirs), path
+        for key in theirs:
+            assert_same_bits(ours[key], theirs[key], f"{path}/{key}")
+    elif theirs.dtype == object:
+        for one, other in zip(ours, theirs, strict=True):
+            assert (one is None) == (other is None), path
+            if other is not None:
+                assert_same_bits(one, other, path)
+    else:
+        assert ours.dtype == theirs.dtype, path
+        assert ours.shape == theirs.shape, path
+        assert ours.tobytes() == theirs.tobytes(), path
+
+
+def compare(ours: Any, theirs: Any, steps: int) -> int:
+    """Steps both under the same actions and resets; returns how many episodes ended."""
+    random = np.random.default_rng(0)
+    for one, other in zip(ours.reset(seed=3), theirs.reset(seed=3), strict=True):
+        assert_same_bits(one, other, "reset")
+    ended = np.zeros(ours.num_envs, dtype=bool)
+    episodes = 0
+    for step in range(steps):
+        if ours.metadata["autoreset_mode"] == AutoresetMode.DISABLED and ended.any():
+            resets = [env.reset(options={"reset_mask": ended.copy()}) for env in (ours, theirs)]
+            for one, other in zip(*resets, strict=True):
+                assert_same_bits(one, other, f"masked reset before step {step}")
+        actions = random.uniform(-1.2, 1.2, ours.action_space.shape)
+        results = ours.step(actions), theirs.step(actions)
+        for what, one, other in zip(("obs", "reward", "terminated", "truncated", "info"), *results, strict=True):
+            assert_same_bits(one, other, f"{what} of step {step}")
+        ended = results[0][2] | results[0][3]
+        episodes += int(ended.sum())
+    return episodes
+
+
+@pytest.mark.parametrize("tolerance", [None, 1e-9])
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize("name", IDS)
+def test_rows_equal_single_environments_bit_for_bit(name: str, mode: AutoresetMode, tolerance: float | None) -> None:
+    kwargs = arguments(name, tolerance=tolerance, max_episode_steps=40)
+    ours = gym.make_vec(name, num_envs=7, autoreset_mode=mode, **kwargs)
+    theirs = SyncVectorEnv([lambda: gym.make(name, **kwargs)] * 7, autoreset_mode=mode)
+    assert compare(ours, theirs, 90) >= 14
+
+
+def test_a_thousand_rows_equal_single_environments_with_one_thread_and_two() -> None:
+    kwargs = arguments(DAMPING, max_episode_steps=25)
+    one = gym.make_vec(DAMPING, num_envs=1000, **kwargs)
+    two = gym.make_vec(DAMPING, num_envs=1000, threads=2, **kwargs)
+    theirs = SyncVectorEnv([lambda: gym.make(DAMPING, **kwargs)] * 1000)
+    assert compare(one, theirs, 30) >= 1000
+    assert compare(two, one, 30) >= 1000
+    two.close()
+
+
+def test_guard_was_met_in_these_comparisons() -> None:
+    """Else the comparisons above would not show that near misses keep the bits."""
+    env: Any = gym.make_vec(DAMPING, num_envs=1000, **arguments(DAMPING))
+    env.reset(seed=3)
+    random = np.random.default_rng(0)
+    states = []
+    for _ in range(25):
+        env.step(random.uniform(-1, 1, (1000, 3)))
+        states.append(env.states)
+    springs = np.array(states)[:, :, 3:9] - np.array(states)[:, :, 0:6]
+    shortest = np.linalg.norm(springs.reshape(25, 1000, 2, 3), axis=3).min()
+    assert shortest < 0.05
+
+
+def test_row_is_reset_with_seed_plus_its_number() -> None:
+    env = gym.make_vec(DAMPING, num_envs=5)
+    observations, _ = env.reset(seed=11)
+    for row in range(5):
+        assert observations[row].tobytes() == gym.make(DAMPING).reset(seed=11 + row)[0].tobytes()
+    again, _ = env.reset(seed=[15, 14, 13, 12, 11])
+    assert again.tobytes() == observations[::-1].tobytes()
+
+
+def test_options_set_states_and_parameters_of_each_row() -> None:
+    env = gym.make_vec(DAMPING, num_envs=3)
+    states = np.random.default_rng(0).normal(size=(3, 18))
+    stiffness = np.array([50.0, 100.0, 200.0])
+    observations, infos = env.reset(options={"state": states, "parameters": {"k1": stiffness, "m2": 2.0}})
+    assert observations.tobytes() == states.tobytes()
+    assert infos["parameters"]["k1"].tolist() == stiffness.tolist()
+    assert infos["parameters"]["m2"].tolist() == [2.0] * 3
+    stepped = env.step(np.full((3, 3), 0.5))[0]
+    for row in range(3):
+        single = gym.make(DAMPING)
+        single.reset(options={"state": states[row], "parameters": {"k1": stiffness[row], "m2": 2.0}})
+        assert single.step(np.full(3, 0.5))[0].tobytes() == stepped[row].tobytes()
+    assert env.reset()[1]["parameters"]["k1"].tolist() == [100.0] * 3
+    assert (env.reset(options={"state": states[0]})[0] == states[0]).all()
+
+
+def test_infos_handed_out_are_not_changed_later() -> None:
+    env = gym.make_vec(DAMPING, num_envs=4, **arguments(DAMPING))
+    observations, infos = env.reset(seed=0)
+    kept = pickle.dumps((observations, infos))
+    for _ in range(80):
+        env.step(env.action_space.sample())
+    assert pickle.dumps((observations, infos)) == kept
+    with pytest.raises(ValueError, match="read-only"):
+        infos["parameters"]["k1"][:] = 0.0
+
+
+@pytest.mark.parametrize("wrap", [RecordEpisodeStatistics, NormalizeObservation, NormalizeReward])
+def test_works_under_gymnasium_s_vector_wrappers(wrap: Callable[[Any], Any]) -> None:
+    env = wrap(gym.make_vec(DAMPING, num_envs=4, max_episode_steps=10))
+    env.reset(seed=0)
+    for _ in range(30):
+        observations, rewards, *_ = env.step(env.action_space.sample())
+        assert np.isfinite(observations).all()
+        assert np.isfinite(rewards).all()
+
+
+def test_episode_statistics_equal_single_environments() -> None:
+    returns = []
+    for make in (gym.make_vec, lambda name, num_envs, **kw: SyncVectorEnv([lambda: gym.make(name, **kw)] * num_envs)):
+        env = RecordEpisodeStatistics(make(DAMPING, num_envs=3, max_episode_steps=10))
+        env.reset(seed=0)
+        for _ in range(35):
+            env.step(np.full((3, 3), 0.3))
+        returns.append((list(env.return_queue), list(env.length_queue)))
+    assert returns[0] == returns[1]
+    assert len(returns[0][0]) == 9
+
+
+WRONG_ARGUMENTS = [
+    ({"num_envs": 0}, "num_envs"),
+    ({"num_envs": 2.5}, "num_envs"),
+    ({"num_envs": 2, "threads": 0}, "threads"),
+    ({"num_envs": 2, "autoreset_mode": "never"}, "autoreset_mode"),
+    ({"num_envs": 2, "render_mode": "human"}, "render_mode"),
+    ({"num_envs": 2, "render_mode": "rgb_array", "render_rows": [2]}, "render_rows"),
+    ({"num_envs": 2, "max_episode_steps": 0}, "max_episode_steps"),
+    ({"num_envs": 2, "parameters": {"m1": -1}}, "m1"),
+]
+
+
+@pytest.mark.parametrize(("kwargs", "named"), WRONG_ARGUMENTS)
+def test_wrong_argument_is_named(kwargs: dict[str, Any], named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        gym.make_vec(DAMPING, **kwargs)
+
+
+WRONG_RESETS: list[tuple[dict[str, Any], str]] = [
+    ({"seed": [1, 2]}, "seed"),
+    ({"options": {"reset_mask": np.ones(4, dtype=bool)}}, "reset_mask"),
+    ({"options": {"reset_mask": np.zeros(3, dtype=bool)}}, "reset_mask"),
+    ({"options": {"reset_mask": [1, 0, 1]}}, "reset_mask"),
+    ({"options": {"parameters": {"k1": np.ones(4)}}}, "k1"),
+    ({"options": {"parameters": {"k9": np.ones(3)}}}, "k9"),
+    ({"options": {"parameters": {"m1": np.array([1.0, -1.0, 1.0])}}}, "m1"),
+    ({"options": {"state": np.zeros((4, 18))}}, "state"),
+    ({"options": {"state": np.full((3, 18), np.nan)}}, "state"),
+    ({"options": {"start": 1}}, "start"),
+    ({"options": [1]}, "options"),
+]
+
+
+@pytest.mark.parametrize(("reset", "named"), WRONG_RESETS)
+def test_wrong_reset_is_named_and_changes_nothing(reset: dict[str, Any], named: str) -> None:
+    env: Any = gym.make_vec(DAMPING, num_envs=3)
+    env.reset(seed=0)
+    before = env.states.tobytes()
+    with pytest.raises(ValueError, match=named):
+        env.reset(**reset)
+    assert env.states.tobytes() == before
+    env.step(env.action_space.sample())
+
+
+def test_wrong_actions_name_the_rows_and_change_nothing() -> None:
+    env: Any = gym.make_vec(DAMPING, num_envs=4)
+    env.reset(seed=0)
+    before = env.states.tobytes()
+    actions = np.zeros((4, 3))
+    actions[[1, 3], 2] = np.nan, np.inf
+    for wrong, named in ((actions, "rows 1, 3"), (np.zeros((4, 2)), "shape"), (None, "actions"), ("up", "actions")):
+        with pytest.raises(ValueError, match=named):
+            env.step(wrong)
+    assert env.states.tobytes() == before
+    env.step(np.zeros((4, 3)))
+
+
+def test_rows_that_ended_must_be_reset_when_autoreset_is_disabled() -> None:
+    env = gym.make_vec(DAMPING, num_envs=2, autoreset_mode="DISABLED", max_episode_steps=2)
+    env.reset(seed=0)
+    env.step(np.zeros((2, 3)))
+    env.step(np.zeros((2, 3)))
+    with pytest.raises(gym.error.ResetNeeded, match="rows 0, 1"):
+        env.step(np.zeros((2, 3)))
+
+
+def test_step_before_reset_is_refused() -> None:
+    with pytest.raises(gym.error.ResetNeeded):
+        gym.make_vec(DAMPING, num_envs=2).step(np.zeros((2, 3)))
+
+
+def test_states_show_the_anchor_of_the_passive_task_too() -> None:
+    env: Any = gym.make_vec("SpringPendulumPassive-v0", num_envs=70)
+    observations, _ = env.reset(seed=0)
+    assert env.states.shape == (70, 18)
+    assert np.array_equal(env.states[:, spring_pendulum_env.equilibria.BODY_STATE], observations)
