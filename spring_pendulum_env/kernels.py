@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 import math
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -93,14 +94,21 @@ def _source_hash() -> str:
 
 @contextlib.contextmanager
 def _cache_folder() -> Iterator[bool]:
-    """Numba's cache folder while functions are declared; yields whether there is one that can be written."""
-    root = os.environ.get("NUMBA_CACHE_DIR") or str(Path(__file__).parent / "__pycache__")
-    folder = Path(root) / f"spring_pendulum_env-{_source_hash()}"
+    """Sets numba's cache folder while functions are declared; yields whether there is one that can be written.
+
+    It is NUMBA_CACHE_DIR, or else a folder of this version of the sources beside the package's other compiled files,
+    in place of those of versions before.
+    """
+    own = Path(__file__).parent / "__pycache__"
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or own) / f"kernels-{_source_hash()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         writable = os.access(folder, os.W_OK)
     except OSError:
         writable = False
+    for old in own.glob("kernels-*"):
+        if old.name != folder.name:
+            shutil.rmtree(old, ignore_errors=True)
     before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
     if writable:
         numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
