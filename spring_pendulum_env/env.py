@@ -199,7 +199,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         super().reset(seed=seed)
         parameters, state = self.scenario.draw(self.np_random, options)
         layout.fill(self._rows, 0, layout.template(self.scenario, parameters), state)
-        kernels.step(self._rows, self._settings)
+        kernels.advance(self._rows, 0, 1, self._settings)
         self._parameters = parameters
         self._constants = parameters.as_dict()
         self._started = True
@@ -228,7 +228,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         if not self._started:
             raise gym.error.ResetNeeded("step called before reset: call reset first")
         self._set_action(action)
-        status = kernels.step(self._rows, self._settings)
+        status = kernels.advance(self._rows, 0, 1, self._settings)
         if status != layout.FINE:
             self._refuse(status, action)
         outcome = self._outcome.tolist()
@@ -249,7 +249,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         if self._renderer is None:
             from spring_pendulum_env.rendering import Renderer
 
-            self._renderer = Renderer(self.render_mode, self.metadata["render_fps"])
+            self._renderer = Renderer(self.render_mode, self.metadata["render_fps"], self.scenario)
         return self._renderer.draw(self._full_state, self._parameters, self._force, self._outcome.tolist()[_TIME])
 
     def close(self) -> None:

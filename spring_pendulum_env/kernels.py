@@ -48,7 +48,6 @@ from spring_pendulum_env.layout import (
     ENERGY_SCALE,
     ERROR,
     EXCESS,
-    FIELDS,
     FINE,
     FORCE,
     FRESH,
@@ -81,8 +80,6 @@ from spring_pendulum_env.layout import (
 )
 
 STAGES = len(KICKS)
-CHUNK = 8
-"""Blocks that a batch takes through all parts of a step before it turns to the next ones."""
 
 
 def _source_hash() -> str:
@@ -119,7 +116,7 @@ def _cache_folder() -> Iterator[bool]:
 
 
 def _compiled(function):
-    """What the entry points call; compiled with them and cached with them."""
+    """What `advance` calls; compiled with it and cached with it."""
     return numba.njit(error_model="numpy", nogil=True)(function)
 
 
@@ -141,30 +138,46 @@ for _function in (
 
 
 @_compiled
-def _apply_actions(rows, block, first, count, max_force):
+def _apply_actions(rows, first, end, max_force):
     """Force from the clipped action; a STATUS for an action that isn't finite."""
-    for j in range(first, first + count):
+    width = rows.shape[2]
+    for index in range(first, end):
+        block, column = divmod(index, width)
         finite = True
         for i in range(3):
-            action = rows[block, ACTION + i, j]
+            action = rows[block, ACTION + i, column]
             finite &= math.isfinite(action)
             force = max_force * min(max(action, -1.0), 1.0)
-            rows[block, FORCE + i, j] = force if rows[block, FRESH, j] == 0.0 else 0.0
-        rows[block, STATUS, j] = FINE if finite else BAD_ACTION
+            rows[block, FORCE + i, column] = force if rows[block, FRESH, column] == 0.0 else 0.0
+        rows[block, STATUS, column] = FINE if finite else BAD_ACTION
 
 
 @_compiled
-def _splitting(rows, block, first, count):
-    """One control period by the symplectic splitting, from STATE to NEXT, for pendulums that need as many steps."""
+def _splitting(rows, origin, count, refinement):
+    """One control period by the symplectic splitting, from STATE to NEXT, of the `count` pendulums at `origin`.
+
+    All of them need as many steps; they are taken `refinement` times finer.
+    """
     # One buffer for all that the loops touch: between its fields the compiler knows the distance, so it vectorises.
     b = np.empty((HEIGHTS + 2, WIDTH))
     lost = HEIGHTS
     guarded = HEIGHTS + 1
     dragged = False
-    for i in range(HEIGHTS):
+    width = rows.shape[2]
+    block, first = divmod(origin[0], width)
+    together = origin[count - 1] - origin[0] == count - 1 and first + count <= width
+    if together:  # neighbours in a block are copied many at a time
+        for i in range(HEIGHTS):
+            for j in range(count):
+                b[i, j] = rows[block, i, first + j]
+    else:
         for j in range(count):
-            b[i, j] = rows[block, i, first + j]
+            from_block, column = divmod(origin[j], width)
+            for i in range(HEIGHTS):
+                b[i, j] = rows[from_block, i, column]
+    steps = int(rows[block, STEPS, first]) * refinement
     for j in range(count):
+        b[STEP, j] /= refinement
         b[lost, j] = 0.0
         b[guarded, j] = 0.0
         dragged |= b[DRAG, j] + b[DRAG + 1, j] + b[DRAG + 2, j] != 0.0
@@ -179,7 +192,7 @@ def _splitting(rows, block, first, count):
                 drift = DRIFTS[s // 3] * b[STEP, j]
                 loss[s, j] = -math.expm1(-rate * drift)
                 travel[s, j] = drift if rate == 0.0 else loss[s, j] / rate
-    for _ in range(int(rows[block, STEPS, first])):
+    for _ in range(steps):
         for s in range(STAGES):
             for j in range(count):
                 kick = KICKS[s] * b[STEP, j]
@@ -213,12 +226,20 @@ def _splitting(rows, block, first, count):
                     for j in range(count):
                         b[i, j] += DRIFTS[s] * b[STEP, j] * b[9 + i, j]
         _guard(b, count)
-    for i in range(18):
+    if together:
+        for i in range(18):
+            for j in range(count):
+                rows[block, NEXT + i, first + j] = b[i, j]
+        for i in range(2):
+            for j in range(count):
+                rows[block, LOST + i, first + j] = b[lost + i, j]
+    else:
         for j in range(count):
-            rows[block, NEXT + i, first + j] = b[i, j]
-    for j in range(count):
-        rows[block, LOST, first + j] = b[lost, j]
-        rows[block, GUARDED, first + j] = b[guarded, j]
+            to_block, column = divmod(origin[j], width)
+            for i in range(18):
+                rows[to_block, NEXT + i, column] = b[i, j]
+            for i in range(2):
+                rows[to_block, LOST + i, column] = b[lost + i, j]
 
 
 @_compiled
@@ -423,38 +444,6 @@ def _report(rows, block, first, count, settings):
             rows[block, i, first + j] = b[i, j]
 
 
-@_compiled
-def _refine(rows, first, count):
-    """Does the steps again that came too close to zero length, REFINEMENT times finer, side by side.
-
-    Those that are too close even so stay marked in GUARDED.
-    """
-    width = rows.shape[2]
-    scratch = np.empty((1, FIELDS, WIDTH))
-    origin = np.empty(WIDTH, dtype=np.int64)
-    gathered = 0
-    for index in range(first, first + count + 1):
-        here = index < first + count
-        block, column = divmod(index, width)
-        if gathered > 0 and (
-            not here or gathered == WIDTH or rows[block, STEPS, column] * REFINEMENT != scratch[0, STEPS, 0]
-        ):
-            _splitting(scratch, 0, 0, gathered)
-            for n in range(gathered):
-                to_block, to_column = divmod(origin[n], width)
-                for i in range(NEXT, GUARDED + 1):
-                    rows[to_block, i, to_column] = scratch[0, i, n]
-            gathered = 0
-        if here and rows[block, GUARDED, column] != 0.0:
-            for i in range(HEIGHTS):
-                scratch[0, i, gathered] = rows[block, i, column]
-            scratch[0, STEP, gathered] = rows[block, STEP, column] / REFINEMENT
-            scratch[0, STEPS, gathered] = rows[block, STEPS, column] * REFINEMENT
-            origin[gathered] = index
-            gathered += 1
-
-
-@_compiled
 def _advance(rows, first, count, settings):
     """One control period and the report of the pendulums from `first` to before `first + count`.
 
@@ -462,35 +451,37 @@ def _advance(rows, first, count, settings):
     """
     width = rows.shape[2]
     tolerance = settings[TOLERANCE]
-    guarded = False
-    index = first
-    while index < first + count:
+    end = first + count
+    _apply_actions(rows, first, end, settings[MAX_FORCE])
+    if tolerance == 0.0:
+        # As they are; then those again, finer, of which a spring came too close to zero length.
+        origin = np.empty(WIDTH, dtype=np.int64)
+        for refinement in (1, REFINEMENT):
+            gathered = 0
+            for index in range(first, end + 1):
+                block, column = divmod(index, width)
+                wanted = index < end and (refinement == 1 or rows[block, GUARDED, column] != 0.0)
+                if gathered > 0 and (
+                    index == end
+                    or gathered == WIDTH
+                    or (refinement == 1 and column == 0)
+                    or (wanted and rows[block, STEPS, column] != rows[origin[0] // width, STEPS, origin[0] % width])
+                ):
+                    _splitting(rows, origin, gathered, refinement)
+                    gathered = 0
+                if wanted:
+                    origin[gathered] = index
+                    gathered += 1
+    for index in range(first, end):
         block, column = divmod(index, width)
-        run = 1  # neighbours that need the same number of steps go together
-        while index + run < first + count and column + run < width:
-            if rows[block, STEPS, column + run] != rows[block, STEPS, column]:
-                break
-            run += 1
-        _apply_actions(rows, block, column, run, settings[MAX_FORCE])
-        if tolerance == 0.0:
-            _splitting(rows, block, column, run)
-            for j in range(column, column + run):
-                guarded |= rows[block, GUARDED, j] != 0.0
-        index += run
-    if guarded:
-        _refine(rows, first, count)
-    if guarded or tolerance != 0.0:
-        for index in range(first, first + count):
-            block, column = divmod(index, width)
-            wanted = tolerance != 0.0 or rows[block, GUARDED, column] != 0.0
-            if wanted and rows[block, STATUS, column] == FINE and rows[block, FRESH, column] == 0.0:
-                limit = GUARD_TOLERANCE if tolerance == 0.0 else tolerance
-                _adaptive(rows, block, column, settings[PERIOD], limit)
+        wanted = tolerance != 0.0 or rows[block, GUARDED, column] != 0.0
+        if wanted and rows[block, STATUS, column] == FINE and rows[block, FRESH, column] == 0.0:
+            _adaptive(rows, block, column, settings[PERIOD], GUARD_TOLERANCE if tolerance == 0.0 else tolerance)
     worst = FINE
     index = first
-    while index < first + count:
+    while index < end:
         block, column = divmod(index, width)
-        run = min(width - column, first + count - index)
+        run = min(width - column, end - index)
         _arrive(rows, block, column, run)
         _report(rows, block, column, run, settings)
         for j in range(column, column + run):
@@ -499,14 +490,15 @@ def _advance(rows, first, count, settings):
     return worst
 
 
-def _step(rows, settings):
-    """One control period of a single pendulum, or only the report if it was just placed. Returns its STATUS."""
-    return _advance(rows, 0, 1, settings)
-
-
-@_compiled
 def _collect(rows, first, count, observations, outcomes, forces, ended):
-    """Copies what the pendulums from `first` to before `first + count` report into arrays of one row each."""
+    """Copies what the pendulums from `first` to before `first + count` report into arrays.
+
+    Args:
+        observations: shape (pendulums, 12 or 18), written.
+        outcomes: shape (STATUS - CLOCK, pendulums), written: the fields from CLOCK to before STATUS.
+        forces: shape (pendulums, 3), written.
+        ended: shape (pendulums,), written.
+    """
     width = rows.shape[2]
     shown = observations.shape[1] // 2
     hidden = 9 - shown  # positions of the anchor that the observation leaves out
@@ -527,19 +519,8 @@ def _collect(rows, first, count, observations, outcomes, forces, ended):
         index += run
 
 
-def _step_batch(rows, first, count, settings, actions, observations, outcomes, forces, ended):
-    """`_step` for the pendulums from `first` to before `first + count`, with their actions and results.
-
-    Args:
-        actions: shape (pendulums, actuated axes).
-        observations: shape (pendulums, 12 or 18), written.
-        outcomes: shape (STATUS - CLOCK, pendulums), written: the fields from CLOCK to before STATUS.
-        forces: shape (pendulums, 3), written.
-        ended: shape (pendulums,), written.
-
-    Returns:
-        The largest STATUS.
-    """
+def _distribute(rows, first, count, settings, actions):
+    """Puts actions, shape (pendulums, actuated axes), where `advance` looks for them."""
     width = rows.shape[2]
     for axis in range(actions.shape[1]):
         slot = ACTION + int(settings[AXIS_SLOTS + axis])
@@ -550,26 +531,10 @@ def _step_batch(rows, first, count, settings, actions, observations, outcomes, f
             for j in range(run):
                 rows[block, slot, column + j] = actions[index + j, axis]
             index += run
-    worst = FINE
-    chunk = CHUNK * width  # what stays in the processor's cache from the integration to the report
-    for start in range(first, first + count, chunk):
-        size = min(chunk, first + count - start)
-        worst = max(worst, _advance(rows, start, size, settings))
-        _collect(rows, start, size, observations, outcomes, forces, ended)
-    return worst
-
-
-def _report_placed(rows, indices, settings, observations, outcomes, forces, ended):
-    """Reports the pendulums at `indices`, which were just placed, into the arrays that `_step_batch` writes."""
-    worst = FINE
-    for index in indices:
-        worst = max(worst, _advance(rows, index, 1, settings))
-        _collect(rows, index, 1, observations, outcomes, forces, ended)
-    return worst
 
 
 with _cache_folder() as _cached:
-    step = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_step)
-    step_batch = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_step_batch)
-    report_placed = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_report_placed)
-    collect = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_collect.py_func)
+    _entry = numba.njit(error_model="numpy", nogil=True, cache=_cached)
+    advance = _entry(_advance)
+    distribute = _entry(_distribute)
+    collect = _entry(_collect)

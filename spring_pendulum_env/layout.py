@@ -50,6 +50,9 @@ GUARDED = 81  # 1 where the splitting came too close to zero length
 FRESH = 82  # 1 where it was just placed: the next step only reports it
 FIELDS = 83
 
+CHUNK = 512
+"""Pendulums that are taken through all parts of a step before the next ones, to stay in the processor's cache."""
+
 FINE, BAD_ACTION, NOT_FINITE, TOO_MANY_STEPS = range(4)
 
 # The numbers that all pendulums of an environment share, in `settings`, in the order of `settings_of`.

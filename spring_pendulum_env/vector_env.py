@@ -260,12 +260,19 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
                 self._shown_constants = None
 
     def _report_placed(self, rows: NDArray[np.intp], results: _Results) -> None:
-        self._check(kernels.report_placed(self._rows, rows, self._settings, *results))
+        for row in rows.tolist():
+            self._check(kernels.advance(self._rows, row, 1, self._settings))
+            kernels.collect(self._rows, row, 1, *results)
 
     def _advance(self, actions: FloatArray, results: _Results) -> None:
-        def share(first: int, count: int) -> int:
-            status: int = kernels.step_batch(self._rows, first, count, self._settings, actions, *results)
-            return status
+        def share(first: int, last: int) -> int:
+            worst = layout.FINE
+            for start in range(first, last, layout.CHUNK):
+                count = min(layout.CHUNK, last - start)
+                kernels.distribute(self._rows, start, count, self._settings, actions)
+                worst = max(worst, kernels.advance(self._rows, start, count, self._settings))
+                kernels.collect(self._rows, start, count, *results)
+            return worst
 
         if self._pool is None:
             self._check(share(0, self.num_envs))
@@ -371,7 +378,16 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         }
 
     def _frame(self, row: int) -> Any:
-        raise NotImplementedError
+        if row not in self._renderers:
+            from spring_pendulum_env.rendering import Renderer
+
+            self._renderers[row] = Renderer("rgb_array", self.metadata["render_fps"], self.scenario)
+        block, column = divmod(row, self._rows.shape[2])
+        fields = self._rows[block, :, column]
+        state = fields[layout.STATE : layout.STATE + 18].copy()
+        force = fields[layout.FORCE : layout.FORCE + 3].copy()
+        parameters = Parameters(**{name: float(values[row]) for name, values in self._constants.items()})
+        return self._renderers[row].draw(state, parameters, force, float(fields[layout.TIME]))
 
 
 class _Results(NamedTuple):
@@ -425,10 +441,10 @@ def _seeds(seed: int | Sequence[int | None] | None, num_envs: int) -> list[int |
 
 
 def _shares(num_envs: int, width: int, threads: int) -> list[tuple[int, int]]:
-    """First row and number of rows for each thread: whole blocks, shared evenly."""
+    """First row and the one after the last for each thread: whole blocks, shared evenly."""
     blocks = -(-num_envs // width)
     bounds = [min(num_envs, width * (blocks * share // threads)) for share in range(threads + 1)]
-    return [(low, high - low) for low, high in itertools.pairwise(bounds) if high > low]
+    return [(low, high) for low, high in itertools.pairwise(bounds) if high > low]
 
 
 def _of_row(name: str, value: Any, row: int) -> Any:

@@ -233,3 +233,20 @@ def test_states_show_the_anchor_of_the_passive_task_too() -> None:
     observations, _ = env.reset(seed=0)
     assert env.states.shape == (70, 18)
     assert np.array_equal(env.states[:, spring_pendulum_env.equilibria.BODY_STATE], observations)
+
+
+def test_chosen_rows_are_drawn_as_single_environments_are() -> None:
+    pytest.importorskip("pygame")
+    env = gym.make_vec(DAMPING, num_envs=70, render_mode="rgb_array", render_rows=[2, 65])
+    singles = [gym.make(DAMPING, render_mode="rgb_array") for _ in range(2)]
+    env.reset(seed=0)
+    singles[0].reset(seed=2)
+    singles[1].reset(seed=65)
+    for _ in range(3):
+        env.step(np.full((70, 3), 0.5))
+        frames: Any = env.render()
+        assert len(frames) == 2
+        for single, frame in zip(singles, frames, strict=True):
+            single.step(np.full(3, 0.5))
+            assert np.array_equal(single.render(), frame)
+    assert gym.make_vec(DAMPING, num_envs=2).render() is None

@@ -1,0 +1,236 @@
+"""Pictures of a state: the same bits for the same history, readable colours, and everything in the frame."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from spring_pendulum_env import Parameters, equilibrium
+from spring_pendulum_env.rendering import MASSES, Renderer, import_pygame, round_number, tension_colour
+from spring_pendulum_env.scenario import Scenario
+from spring_pendulum_env.tasks import TASKS
+
+pytest.importorskip("pygame")
+
+Picture = NDArray[np.uint8]
+NO_FORCE = np.zeros(3)
+
+
+def scenario(task: str = "Passive", **arguments: Any) -> Scenario:
+    return Scenario.of(TASKS[f"SpringPendulum{task}-v0"], **arguments)
+
+
+def renderer(task: str = "Passive", **arguments: Any) -> Renderer:
+    return Renderer("rgb_array", 50, scenario(task), **arguments)
+
+
+def drawn(
+    shown: Renderer, state: Any, p: Parameters | None = None, force: Any = NO_FORCE, time: float = 0.0
+) -> Picture:
+    picture = shown.draw(state, p or Parameters(), force, time)
+    assert picture is not None
+    return picture
+
+
+def hanging(length1: float = 1.2, length2: float = 1.1) -> NDArray[np.float64]:
+    state = np.zeros(18)
+    state[5], state[8] = -length1, -length1 - length2
+    return state
+
+
+def swing(n: int) -> list[NDArray[np.float64]]:
+    t = 0.02 * np.arange(n)
+    states = np.tile(equilibrium(None, "hanging-hanging"), (n, 1))
+    states[:, 3], states[:, 6] = 0.5 * np.sin(3 * t), 0.9 * np.sin(3 * t)
+    return list(states)
+
+
+def pixels_of_hue(picture: Picture, colour: tuple[int, int, int], within: float = 0.02) -> NDArray[np.intp]:
+    """Rows and columns of the pixels whose channels are in about the same ratio as the colour's, and not dark."""
+    bright = picture.astype(float)
+    total = bright.sum(axis=-1, keepdims=True)
+    close = np.abs(bright / np.maximum(total, 1.0) - np.array(colour) / sum(colour)).max(axis=-1) < within
+    return np.argwhere(close & (total[..., 0] > 150))
+
+
+@pytest.mark.parametrize("task", ["Passive", "Damping", "Stabilisation"])
+@pytest.mark.parametrize("size", [(600, 600), (320, 240), (200, 500)])
+def test_shape_and_type(task: str, size: tuple[int, int]) -> None:
+    picture = drawn(renderer(task, size=size), hanging(), force=[10.0, -5.0, 3.0])
+    assert picture.shape == (size[1], size[0], 3)
+    assert picture.dtype == np.uint8
+    assert picture.flags.c_contiguous and picture.flags.owndata
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
+
+
+def test_same_history_gives_same_bits() -> None:
+    one, other = renderer(), renderer()
+    for number, state in enumerate(swing(30)):
+        picture = drawn(one, state, time=0.02 * number)
+        assert np.array_equal(picture, drawn(other, state, time=0.02 * number))
+    assert np.array_equal(picture, drawn(one, state, time=0.02 * number))  # drawing has no effect of its own
+
+
+def test_each_frame_is_its_own_array() -> None:
+    shown = renderer()
+    first = drawn(shown, hanging())
+    kept = first.copy()
+    drawn(shown, hanging(1.5), time=1.0)
+    assert np.array_equal(first, kept)
+
+
+@pytest.mark.parametrize("index", [3, 4, 5, 6, 7, 8])
+def test_another_state_is_another_picture(index: int) -> None:
+    moved = hanging()
+    moved[index] += 0.05
+    assert not np.array_equal(drawn(renderer(), hanging()), drawn(renderer(), moved))
+
+
+def test_force_and_anchor_show() -> None:
+    rest = drawn(renderer("Damping"), hanging())
+    moved = hanging() + np.r_[0.2, 0, 0, 0.2, 0, 0, 0.2, np.zeros(11)]
+    assert not np.array_equal(rest, drawn(renderer("Damping"), moved))
+    assert not np.array_equal(rest, drawn(renderer("Damping"), hanging(), force=[0.0, 20.0, 0.0]))
+
+
+def test_tension_goes_from_blue_over_grey_to_red() -> None:
+    push, slack, pull = (np.array(tension_colour(tension)) for tension in (-1.0, 0.0, 1.0))
+    assert push[2] - push[0] > 100 and pull[0] - pull[2] > 100
+    assert np.ptp(slack) < 20
+    assert tension_colour(-7.0) == tuple(push) and tension_colour(7.0) == tuple(pull)
+
+
+@pytest.mark.parametrize("spring", [0, 1])
+def test_colour_of_each_spring_follows_its_own_tension(spring: int) -> None:
+    found = {}
+    for name, stretched in (("slack", 1.0), ("pulled", 1.4), ("pushed", 0.75)):
+        lengths = [1.0, 1.0]
+        lengths[spring] = stretched
+        picture = drawn(renderer(), hanging(*lengths)).astype(int)[70:500, 200:400]  # legend and strip left out
+        found[name] = (
+            int((picture[..., 0] - picture[..., 1] > 100).sum()),
+            int((picture[..., 2] - picture[..., 0] > 100).sum()),
+        )
+    assert found["pulled"][0] > found["slack"][0] + 100
+    assert found["pushed"][1] > found["slack"][1] + 100
+
+
+def test_a_stretched_spring_is_thinner() -> None:
+    """Both states pull spring 1 to full red and have their lowest mass in the same place, so the camera too."""
+    widths = []
+    for length in (1.5, 2.2):
+        picture = drawn(renderer(), hanging(length, 2.6 - length)).astype(int)[70:500]
+        widths.append(np.ptp(np.argwhere(picture[..., 0] - picture[..., 1] > 120)[:, 1]))
+    assert 0 < widths[1] < 0.85 * widths[0]
+
+
+def test_trails_grow_and_are_forgotten() -> None:
+    shown = renderer()
+    states = swing(40)
+    fresh = drawn(shown, states[-1], time=0.78)
+    shown.forget()
+    for number, state in enumerate(states):
+        trailed = drawn(shown, state, time=0.02 * number)
+    assert not np.array_equal(fresh[:500], trailed[:500])
+    shown.forget()
+    assert np.array_equal(fresh, drawn(shown, states[-1], time=0.78))
+
+
+def test_an_earlier_time_starts_the_trails_anew() -> None:
+    """A row of a vector environment begins its next episode without a word to the renderer."""
+    shown = renderer()
+    fresh = drawn(shown, hanging())
+    for number, state in enumerate(swing(20)):
+        drawn(shown, state, time=0.02 * number)
+    assert np.array_equal(fresh, drawn(shown, hanging()))
+
+
+@pytest.mark.parametrize("constants", [{}, {"k1": 0.0}, {"k2": 0.0}, {"k1": 0.0, "k2": 0.0}])
+@pytest.mark.parametrize("distance", [5.0, 500.0, 1e7])
+def test_masses_far_away_stay_in_the_frame(constants: dict[str, float], distance: float) -> None:
+    state = hanging()
+    state[3:9] += distance * np.array([0.3, -0.5, -1.0, 0.6, 0.2, -0.8])
+    picture = drawn(renderer(trail=0.0), state, Parameters(**constants))
+    for colour in MASSES:
+        where = pixels_of_hue(picture, colour)
+        where = where[(where[:, 0] > 70) & (where[:, 0] < 505)]  # between the legend and the strip
+        assert len(where) > 15
+        assert where[:, 1].min() > 0 and where[:, 1].max() < 599
+
+
+@pytest.mark.parametrize("name", ["hanging-hanging", "hanging-inverted", "inverted-hanging", "inverted-inverted"])
+def test_every_task_is_drawn_anywhere_on_its_travel(name: str) -> None:
+    shown = Renderer("rgb_array", 50, scenario("Stabilisation", equilibrium=name, actuated_axes="xz"))
+    for corner in ([2.0, 0.0, 2.0], [-2.0, 0.0, -2.0]):
+        state = equilibrium(None, name)
+        state[:9] += np.tile(corner, 3)
+        picture = drawn(shown, state)
+        assert all(len(pixels_of_hue(picture[70:505], colour)) > 50 for colour in MASSES)
+
+
+def test_degenerate_states_are_drawn() -> None:
+    for constants in ({}, {"L1": 0.0, "L2": 0.0, "g": 0.0}, {"m1": 1e-3, "m2": 1e3, "k1": 1e4}):
+        drawn(renderer(), np.zeros(18), Parameters(**constants))  # all bodies in one point
+        drawn(renderer(azimuth=0.0, elevation=0.0), equilibrium(None, "hanging-hanging"), Parameters(**constants))
+
+
+@pytest.mark.parametrize(
+    "argument",
+    [
+        {"size": (600, 10)},
+        {"size": (600.5, 600)},
+        {"elevation": 90.0},
+        {"azimuth": np.nan},
+        {"zoom": 0.0},
+        {"trail": -1.0},
+    ],
+)
+def test_a_wrong_argument_is_named(argument: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(argument))):
+        renderer(**argument)
+
+
+def test_round_number() -> None:
+    assert [round_number(value) for value in (0.03, 1.0, 1.1, 20.0, 51.0)] == [0.05, 1.0, 2.0, 20.0, 100.0]
+
+
+def test_missing_pygame_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    with pytest.raises(gym.error.DependencyNotInstalled, match=r'pip install "spring-pendulum-env\[render\]"'):
+        renderer()
+
+
+def test_no_display_is_touched_for_pictures() -> None:
+    pygame = import_pygame()
+    drawn(renderer(), hanging())
+    assert not pygame.display.get_init()
+    assert pygame.mixer.get_init() is None
+
+
+def test_human_without_a_display_is_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "none_such")
+    with pytest.raises(RuntimeError, match="needs a display") as caught:
+        Renderer("human", 50, scenario())
+    assert "\n" not in str(caught.value) and caught.value.__suppress_context__
+
+
+def test_closing_the_window_ends_drawing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    pygame = import_pygame()
+    shown = Renderer("human", 1000, scenario())
+    assert shown.draw(hanging(), Parameters(), NO_FORCE, 0.0) is None
+    turned, zoomed = shown.azimuth, shown.zoom
+    pygame.event.post(pygame.event.Event(pygame.MOUSEMOTION, pos=(9, 9), rel=(5, 5), buttons=(1, 0, 0)))
+    pygame.event.post(pygame.event.Event(pygame.MOUSEWHEEL, x=0, y=1))
+    shown.draw(hanging(), Parameters(), NO_FORCE, 0.02)
+    assert shown.azimuth != turned and shown.zoom > zoomed and not shown.closed
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    shown.draw(hanging(), Parameters(), NO_FORCE, 0.04)
+    assert shown.closed and not pygame.display.get_init()
+    assert shown.draw(hanging(), Parameters(), NO_FORCE, 0.06) is None
+    shown.close()
