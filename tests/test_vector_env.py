@@ -249,4 +249,5 @@ def test_chosen_rows_are_drawn_as_single_environments_are() -> None:
         for single, frame in zip(singles, frames, strict=True):
             single.step(np.full(3, 0.5))
             assert np.array_equal(single.render(), frame)
-    assert gym.make_vec(DAMPING, num_envs=2).render() is None
+    with pytest.warns(UserWarning, match="render_mode"):
+        assert gym.make_vec(DAMPING, num_envs=2).render() is None
