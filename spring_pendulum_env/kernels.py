@@ -39,6 +39,7 @@ from spring_pendulum_env.layout import (
     AXIS_SLOTS,
     BAD_ACTION,
     CENTRING_SCALE,
+    CHUNK,
     CLOCK,
     DEVIATION,
     DISSIPATED,
@@ -490,6 +491,7 @@ def _advance(rows, first, count, settings):
     return worst
 
 
+@_compiled
 def _collect(rows, first, count, observations, outcomes, forces, ended):
     """Copies what the pendulums from `first` to before `first + count` report into arrays.
 
@@ -519,22 +521,28 @@ def _collect(rows, first, count, observations, outcomes, forces, ended):
         index += run
 
 
-def _distribute(rows, first, count, settings, actions):
-    """Puts actions, shape (pendulums, actuated axes), where `advance` looks for them."""
+# Its body goes into `_step_batch` instead of being called, which would compile all that it calls once more.
+_advance_here = numba.njit(error_model="numpy", nogil=True, inline="always")(_advance)
+
+
+def _step_batch(rows, first, count, settings, actions, observations, outcomes, forces, ended):
+    """`advance` with actions, shape (pendulums, actuated axes), and the results as `_collect` describes them."""
     width = rows.shape[2]
-    for axis in range(actions.shape[1]):
-        slot = ACTION + int(settings[AXIS_SLOTS + axis])
-        index = first
-        while index < first + count:
+    worst = FINE
+    for start in range(first, first + count, CHUNK):
+        size = min(CHUNK, first + count - start)
+        for index in range(start, start + size):
             block, column = divmod(index, width)
-            run = min(width - column, first + count - index)
-            for j in range(run):
-                rows[block, slot, column + j] = actions[index + j, axis]
-            index += run
+            for axis in range(actions.shape[1]):
+                rows[block, ACTION + int(settings[AXIS_SLOTS + axis]), column] = actions[index, axis]
+        status = _advance_here(rows, start, size, settings)
+        worst = max(worst, status)
+        _collect(rows, start, size, observations, outcomes, forces, ended)
+    return worst
 
 
 with _cache_folder() as _cached:
     _entry = numba.njit(error_model="numpy", nogil=True, cache=_cached)
     advance = _entry(_advance)
-    distribute = _entry(_distribute)
-    collect = _entry(_collect)
+    step_batch = _entry(_step_batch)
+    collect = _entry(_collect.py_func)

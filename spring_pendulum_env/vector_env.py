@@ -131,6 +131,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self._randoms: list[np.random.Generator | None] = [None] * num_envs
         self._constants = {name: np.zeros(num_envs) for name in Parameters.names()}
         self._shown_constants: dict[str, FloatArray | BoolArray] | None = None
+        self._no_actions = np.zeros((num_envs, len(self.scenario.actuated_axes)))
         self._all = _read_only(np.ones(num_envs, dtype=np.bool_))
         self._ended: BoolArray = np.zeros(num_envs, dtype=np.bool_)
         self._renderers: dict[int, Any] = {}
@@ -261,18 +262,12 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
 
     def _report_placed(self, rows: NDArray[np.intp], results: _Results) -> None:
         for row in rows.tolist():
-            self._check(kernels.advance(self._rows, row, 1, self._settings))
-            kernels.collect(self._rows, row, 1, *results)
+            self._check(kernels.step_batch(self._rows, row, 1, self._settings, self._no_actions, *results))
 
     def _advance(self, actions: FloatArray, results: _Results) -> None:
-        def share(first: int, last: int) -> int:
-            worst = layout.FINE
-            for start in range(first, last, layout.CHUNK):
-                count = min(layout.CHUNK, last - start)
-                kernels.distribute(self._rows, start, count, self._settings, actions)
-                worst = max(worst, kernels.advance(self._rows, start, count, self._settings))
-                kernels.collect(self._rows, start, count, *results)
-            return worst
+        def share(first: int, count: int) -> int:
+            status: int = kernels.step_batch(self._rows, first, count, self._settings, actions, *results)
+            return status
 
         if self._pool is None:
             self._check(share(0, self.num_envs))
@@ -287,7 +282,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
     def _checked_actions(self, actions: Any) -> FloatArray:
         shape = (self.num_envs, len(self.scenario.actuated_axes))
         if actions is None and not self.scenario.task.actuated:
-            return np.zeros(shape)
+            return self._no_actions
         try:
             numbers = np.ascontiguousarray(actions, dtype=np.float64)
         except (TypeError, ValueError):
@@ -441,10 +436,10 @@ def _seeds(seed: int | Sequence[int | None] | None, num_envs: int) -> list[int |
 
 
 def _shares(num_envs: int, width: int, threads: int) -> list[tuple[int, int]]:
-    """First row and the one after the last for each thread: whole blocks, shared evenly."""
+    """First row and number of rows for each thread: whole blocks, shared evenly."""
     blocks = -(-num_envs // width)
     bounds = [min(num_envs, width * (blocks * share // threads)) for share in range(threads + 1)]
-    return [(low, high) for low, high in itertools.pairwise(bounds) if high > low]
+    return [(low, high - low) for low, high in itertools.pairwise(bounds) if high > low]
 
 
 def _of_row(name: str, value: Any, row: int) -> Any:
