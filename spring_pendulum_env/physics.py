@@ -62,7 +62,7 @@ class Parameters:
             value = getattr(self, field.name)
             try:
                 number = math.nan if isinstance(value, (str, bool)) else float(value)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 number = math.nan
             positive = field.name in ("m0", "m1", "m2")
             if not math.isfinite(number) or number < 0 or (positive and number == 0):

@@ -32,7 +32,7 @@ def positive_number(name: str, value: Any, *, zero: bool = False) -> float:
     """
     try:
         number = math.nan if isinstance(value, (str, bool)) else float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number) or number < 0 or (number == 0 and not zero):
         raise ValueError(f"{name} = {value!r}: must be a finite number {'>= 0' if zero else '> 0'}")

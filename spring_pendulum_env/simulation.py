@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from spring_pendulum_env import physics
 from spring_pendulum_env.equilibria import energy
 from spring_pendulum_env.physics import Parameters
+from spring_pendulum_env.scenario import positive_number
 
 FloatArray = NDArray[np.float64]
 
@@ -67,8 +68,8 @@ def simulate(
     from scipy.integrate import solve_ivp  # here since importing it takes as long as importing the rest
 
     p = Parameters.of(parameters)
-    start = np.array(state, dtype=np.float64)
-    instants = np.array(times, dtype=np.float64)
+    start = _numbers("state", state)
+    instants = _numbers("times", times)
     if start.shape != (12,):
         raise ValueError(f"state of shape {start.shape}: must have shape (12,)")
     if not np.isfinite(start).all():
@@ -78,8 +79,7 @@ def simulate(
     if method not in METHODS:
         raise ValueError(f"method = {method!r}: must be one of {', '.join(METHODS)}")
     for name, tolerance in (("rtol", rtol), ("atol", atol)):
-        if not (np.isfinite(tolerance) and tolerance > 0):
-            raise ValueError(f"{name} = {tolerance!r}: must be a finite number > 0")
+        positive_number(name, tolerance)
 
     still = [0.0] * 3
     constants = (*still, *p.constants(actuated_axes=""), *p.drag_rates())
@@ -97,7 +97,19 @@ def simulate(
         )
         if not solution.success:
             raise ArithmeticError(
-                f"{method} stopped at t = {solution.t[-1] if solution.t.size else instants[0]} s: {solution.message}"
+                f"{method} stopped at t = {solution.t[-1] if len(solution.t) else instants[0]} s: {solution.message}"
             )
         states = solution.y.T.copy()
     return Trajectory(p, instants, states, np.asarray(energy(p, states)))
+
+
+def _numbers(name: str, value: ArrayLike) -> FloatArray:
+    """`value` as an array.
+
+    Raises:
+        ValueError: it isn't made of numbers.
+    """
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} = {value!r}: must be numbers") from None
