@@ -163,11 +163,17 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self._rows = np.zeros((1, layout.FIELDS, 1))
         row = self._rows[0, :, 0]
         self._full_state = row[layout.STATE : layout.STATE + 18]
-        self._visible_state = self._full_state.reshape(2, 9)[:, 9 - self.scenario.state_size // 2 :]
+        # A copy of what the observation shows: of all, or of the numbers of the two masses.
+        self._observe = self._full_state.copy
+        if not self.scenario.task.actuated:
+            self._observe = self._full_state.reshape(2, 9)[:, 3:].flatten
         self._action = row[layout.action_slice(self.scenario.actuated_axes)]
         self._force = row[layout.FORCE : layout.FORCE + 3]
         self._outcome = row[layout.WORK : layout.STATUS]
-        self._terms = [(f"reward_{term}", layout.TERMS + REWARD_TERMS.index(term)) for term in self.scenario.task.terms]
+        self._terms = [
+            (f"reward_{term}", layout.TERMS + REWARD_TERMS.index(term) - layout.WORK)
+            for term in self.scenario.task.terms
+        ]
         self._renderer: Any = None
         self._started = False
 
@@ -207,7 +213,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             self._renderer.forget()
         if self.render_mode == "human":
             self.render()
-        return self._visible_state.flatten(), self._info(self._outcome.tolist())
+        return self._observe(), self._info(self._outcome.tolist())
 
     def step(self, action: Any) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """One control period under a force that is held.
@@ -227,15 +233,17 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         """
         if not self._started:
             raise gym.error.ResetNeeded("step called before reset: call reset first")
-        self._set_action(action)
+        if type(action) is np.ndarray and action.shape == self._action.shape:
+            self._action[:] = action
+        else:
+            self._set_action(action)
         status = kernels.advance(self._rows, 0, 1, self._settings)
         if status != layout.FINE:
             self._refuse(status, action)
-        outcome = self._outcome.tolist()
         if self.render_mode == "human":
             self.render()
-        reward, ended = outcome[_REWARD], outcome[_ENDED] != 0.0
-        return self._visible_state.flatten(), reward, ended, False, self._info(outcome)
+        outcome = self._outcome.tolist()
+        return self._observe(), outcome[_REWARD], outcome[_ENDED] != 0.0, False, self._info(outcome)
 
     def render(self) -> Any:
         """A frame, shape (height, width, 3), uint8, in mode "rgb_array"; shows one on the screen in mode "human".
@@ -263,7 +271,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         if action is None and not self.scenario.task.actuated:
             return
         try:
-            numbers = action if type(action) is np.ndarray else np.asarray(action)
+            numbers = np.asarray(action)
             if numbers.shape != self._action.shape:
                 raise ValueError(f"action of shape {numbers.shape}: must have shape {self._action.shape}")
             self._action[:] = numbers
@@ -288,7 +296,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         if self.scenario.task.actuated:
             info["force"] = self._force.copy()
             for name, position in self._terms:
-                info[name] = outcome[position - layout.WORK]
+                info[name] = outcome[position]
         return info
 
 

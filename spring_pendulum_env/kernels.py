@@ -183,20 +183,21 @@ def _splitting(rows, origin, count, refinement):
         b[guarded, j] = 0.0
         dragged |= b[DRAG, j] + b[DRAG + 1, j] + b[DRAG + 2, j] != 0.0
     _guard(b, count)
-    # In each drift drag takes a share of each body's velocity (loss), which moves `travel` per velocity.
-    loss = np.empty((3 * STAGES, WIDTH))
-    travel = np.empty((3 * STAGES, WIDTH))
+    # In each drift drag takes a share of each body's velocity, and the body falls short of where it would have come.
+    share = np.empty((3 * STAGES if dragged else 0, WIDTH))
+    short = np.empty((3 * STAGES if dragged else 0, WIDTH))  # per velocity, s
     if dragged:
         for s in range(3 * STAGES):
             for j in range(count):
                 rate = b[DRAG + s % 3, j]
                 drift = DRIFTS[s // 3] * b[STEP, j]
-                loss[s, j] = -math.expm1(-rate * drift)
-                travel[s, j] = drift if rate == 0.0 else loss[s, j] / rate
+                share[s, j] = -math.expm1(-rate * drift)
+                short[s, j] = drift - share[s, j] / rate if rate != 0.0 else 0.0
     for _ in range(steps):
         for s in range(STAGES):
             for j in range(count):
                 kick = KICKS[s] * b[STEP, j]
+                drift = DRIFTS[s] * b[STEP, j]
                 a = physics.accelerations(
                     b[0, j], b[1, j], b[2, j], b[3, j], b[4, j], b[5, j], b[6, j], b[7, j], b[8, j],
                     b[FORCE, j], b[FORCE + 1, j], b[FORCE + 2, j],
@@ -213,19 +214,23 @@ def _splitting(rows, origin, count, refinement):
                 b[15, j] += kick * a[6]
                 b[16, j] += kick * a[7]
                 b[17, j] += kick * a[8]
+                b[0, j] += drift * b[9, j]
+                b[1, j] += drift * b[10, j]
+                b[2, j] += drift * b[11, j]
+                b[3, j] += drift * b[12, j]
+                b[4, j] += drift * b[13, j]
+                b[5, j] += drift * b[14, j]
+                b[6, j] += drift * b[15, j]
+                b[7, j] += drift * b[16, j]
+                b[8, j] += drift * b[17, j]
             if dragged:
                 for i in range(9):
-                    body = i // 3
+                    body = 3 * s + i // 3
                     for j in range(count):
                         v = b[9 + i, j]
-                        share = loss[3 * s + body, j]
-                        b[i, j] += travel[3 * s + body, j] * v
-                        b[9 + i, j] = v - share * v
-                        b[lost, j] += 0.5 * b[MASSES + body, j] * v * v * share * (2.0 - share)
-            else:
-                for i in range(9):
-                    for j in range(count):
-                        b[i, j] += DRIFTS[s] * b[STEP, j] * b[9 + i, j]
+                        b[i, j] -= short[body, j] * v
+                        b[9 + i, j] = v - share[body, j] * v
+                        b[lost, j] += 0.5 * b[MASSES + i // 3, j] * v * v * share[body, j] * (2.0 - share[body, j])
         _guard(b, count)
     if together:
         for i in range(18):
