@@ -28,15 +28,23 @@ class SpringPendulumVecEnv(VecEnv):
     Args:
         name: a registered id.
         num_envs: rows.
+        first_lengths: after so many steps the first episode of each row since a reset is truncated, if it lasts that
+            long; None: it isn't. Started together, episodes of one length would stay in step, and each rollout would
+            show one phase of them, all swinging or all at rest; an algorithm that learns from one rollout at a time
+            forgets the other phase meanwhile.
         arguments: those of `gym.make_vec` besides.
     """
 
-    def __init__(self, name: str, num_envs: int, **arguments: Any) -> None:
+    def __init__(
+        self, name: str, num_envs: int, first_lengths: NDArray[np.integer[Any]] | None = None, **arguments: Any
+    ) -> None:
         self.venv = gym.make_vec(name, num_envs=num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **arguments)
         self.render_mode = arguments.get("render_mode")
         self.actions: NDArray[Any] = np.zeros(())
         self.returns = np.zeros(num_envs)
         self.lengths = np.zeros(num_envs, dtype=np.int64)
+        self.first_lengths = np.full(num_envs, np.inf) if first_lengths is None else np.asarray(first_lengths, float)
+        self.limits = self.first_lengths.copy()
         self.started = time.time()
         super().__init__(num_envs, self.venv.single_observation_space, self.venv.single_action_space)
 
@@ -50,6 +58,7 @@ class SpringPendulumVecEnv(VecEnv):
         self._reset_options()
         self.returns[:] = 0.0
         self.lengths[:] = 0
+        self.limits[:] = self.first_lengths
         return np.asarray(observations)
 
     def step_async(self, actions: NDArray[Any]) -> None:
@@ -57,14 +66,18 @@ class SpringPendulumVecEnv(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         observations, rewards, terminated, truncated, vector_infos = self.venv.step(self.actions)
-        dones = terminated | truncated
         self.returns += rewards
         self.lengths += 1
+        cut = (self.lengths >= self.limits) & ~(terminated | truncated)
+        truncated = truncated | cut
+        dones = terminated | truncated
         infos: list[dict[str, Any]] = [{"TimeLimit.truncated": False} for _ in range(self.num_envs)]
         for row in np.flatnonzero(dones).tolist():
-            infos[row] = _row_of(vector_infos["final_info"], row) | {
+            last_info = vector_infos if cut[row] else vector_infos["final_info"]
+            last = observations[row].copy() if cut[row] else vector_infos["final_obs"][row]
+            infos[row] = _row_of(last_info, row) | {
                 "TimeLimit.truncated": bool(truncated[row] and not terminated[row]),
-                "terminal_observation": vector_infos["final_obs"][row],
+                "terminal_observation": last,
                 "episode": {
                     "r": round(float(self.returns[row]), 6),
                     "l": int(self.lengths[row]),
@@ -73,6 +86,9 @@ class SpringPendulumVecEnv(VecEnv):
             }
         self.returns[dones] = 0.0
         self.lengths[dones] = 0
+        self.limits[dones] = np.inf
+        if cut.any():
+            observations[cut] = self.venv.reset(options={"reset_mask": cut})[0][cut]
         return observations, rewards.astype(np.float32), dones, infos
 
     def close(self) -> None:
@@ -107,5 +123,5 @@ def _row_of(infos: dict[str, Any], row: int) -> dict[str, Any]:
     return {
         key: _row_of(values, row) if isinstance(values, dict) else values[row]
         for key, values in infos.items()
-        if not key.startswith("_")
+        if not key.startswith(("_", "final_"))
     }

@@ -90,6 +90,27 @@ def test_rollout_buffers_equal_with_time_outs_bootstrapped() -> None:
     assert buffers[0][0]["rewards"].dtype == np.float32
 
 
+def test_first_episodes_are_cut_at_their_own_lengths() -> None:
+    env = SpringPendulumVecEnv(DAMPING, 3, first_lengths=np.array([2, 5, 100]), start_scale=0.5)
+    plain = SpringPendulumVecEnv(DAMPING, 3, start_scale=0.5)
+    for one in (env, plain):
+        one.seed(0)
+        one.reset()
+    lengths: list[list[int]] = [[], [], []]
+    for step in range(1, 9):
+        observations, _, dones, infos = env.step(np.zeros((3, 3)))
+        uncut, *_ = plain.step(np.zeros((3, 3)))
+        for row, (done, info) in enumerate(zip(dones, infos, strict=True)):
+            assert done == ("episode" in info)
+            if done:
+                lengths[row].append(info["episode"]["l"])
+                assert info["TimeLimit.truncated"]
+                assert info["time"] == pytest.approx(0.02 * step)
+                assert info["terminal_observation"].tobytes() == np.asarray(uncut)[row].tobytes()
+                assert np.abs(np.asarray(observations)[row, :3]).max() == 0.0  # the anchor of a new start
+    assert lengths == [[2], [5], []]
+
+
 def test_infos_are_new_objects_for_each_row_and_step() -> None:
     env = ours(3)
     env.reset()

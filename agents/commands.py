@@ -1,0 +1,36 @@
+"""What the scripts have in common: their messages, and the reading of their options."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+
+import gymnasium as gym
+
+
+def run(main: Callable[[], None], interrupted: str = "interrupted") -> None:
+    """Call a script's main function; what a user did wrong becomes one line and a status of 2, never a traceback.
+
+    `interrupted` is said after Ctrl-C.
+    """
+    try:
+        main()
+    except (ValueError, OSError, ArithmeticError, gym.error.Error) as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        print(f"\n{interrupted}", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
+def add_changes(parser: argparse.ArgumentParser) -> None:
+    """Add --set section.key=value, which may be given many times."""
+    parser.add_argument(
+        "--set",
+        dest="changes",
+        action="append",
+        default=[],
+        metavar="SECTION.KEY=VALUE",
+        help="change a setting of the config, for example --set ppo.gamma=0.99; may be given many times",
+    )

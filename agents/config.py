@@ -1,0 +1,188 @@
+"""What a training is made from: one YAML file, checked before anything starts.
+
+A config holds plain data only. Unknown keys are refused, so that a misspelt setting cannot be ignored in silence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+ENVIRONMENT_IDS = {"damping": "SpringPendulumDamping-v0", "stabilisation": "SpringPendulumStabilisation-v0"}
+FOLDER = Path(__file__).resolve().parent.parent / "configs"
+
+
+def _number(value: Any) -> Any:
+    """PyYAML reads `1e6` as text, and pydantic takes `true` for 1: mend the first, refuse the second."""
+    if isinstance(value, bool):
+        raise ValueError("must be a number")
+    if isinstance(value, str):
+        try:
+            return float(value)
+        except ValueError:
+            raise ValueError("must be a number") from None
+    return value
+
+
+Count = Annotated[int, BeforeValidator(_number), Field(gt=0)]
+Seed = Annotated[int, BeforeValidator(_number), Field(ge=0, lt=2**32)]  # evaluation starts are seeded from 2**40 on
+Number = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False)]
+Positive = Annotated[float, BeforeValidator(_number), Field(gt=0, allow_inf_nan=False)]
+Share = Annotated[float, BeforeValidator(_number), Field(ge=0, le=1)]
+
+
+class Section(BaseModel):
+    """A part of the file: its keys are known and its values don't change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class EnvironmentConfig(Section):
+    """Keyword arguments of gym.make; one that is left out has the environment's own default."""
+
+    parameters: dict[str, Number] | None = None
+    equilibrium: str | None = None
+    control_period: Positive | None = None
+    tolerance: Positive | None = None
+    randomise: dict[str, tuple[Number, Number]] | None = None
+    start_scale: Annotated[float, BeforeValidator(_number), Field(ge=0)] | None = None
+    max_force: Positive | None = None
+    anchor_travel: Positive | None = None
+    actuated_axes: str | None = None
+
+    def arguments(self) -> dict[str, Any]:
+        """Keyword arguments for gym.make."""
+        return self.model_dump(exclude_none=True)
+
+
+class TrainingConfig(Section):
+    """How much is trained, and how often it is saved."""
+
+    seed: Seed = 0
+    steps: Count = 1_000_000
+    environments: Count = 128
+    checkpoint_every: Count = 200_000  # environment steps
+    normalise_reward: bool = True
+
+
+class NetworkConfig(Section):
+    """Hidden layers, of the policy and, apart from it, of the value."""
+
+    layers: tuple[Count, ...] = (64, 64)
+    activation: Literal["tanh", "relu"] = "tanh"
+
+
+class PPOConfig(Section):
+    """Settings of Stable-Baselines3's PPO, under its own names, but for the schedule of the learning rate."""
+
+    learning_rate: Positive = 3e-4
+    final_learning_rate: Annotated[float, BeforeValidator(_number), Field(ge=0)] = 0.0  # linear from the one above
+    n_steps: Count = 64
+    batch_size: Count = 2048
+    n_epochs: Count = 5
+    gamma: Share = 0.99
+    gae_lambda: Share = 0.95
+    clip_range: Positive = 0.2
+    ent_coef: Annotated[float, BeforeValidator(_number), Field(ge=0)] = 0.0
+    vf_coef: Positive = 0.5
+    max_grad_norm: Positive = 0.5
+    log_std_init: Number = -1.0
+
+
+class Config(Section):
+    """One training."""
+
+    task: Literal["damping", "stabilisation"]
+    algorithm: Literal["ppo"] = "ppo"
+    environment: EnvironmentConfig = EnvironmentConfig()
+    training: TrainingConfig = TrainingConfig()
+    network: NetworkConfig = NetworkConfig()
+    ppo: PPOConfig = PPOConfig()
+
+    @property
+    def environment_id(self) -> str:
+        """Registered name of the task."""
+        return ENVIRONMENT_IDS[self.task]
+
+    def to_yaml(self) -> str:
+        """Everything, defaults too, as YAML that `read_config` reads."""
+        return yaml.safe_dump(self.model_dump(mode="json", exclude_none=True), sort_keys=False)
+
+
+def default_path(task: str, algorithm: str) -> Path:
+    """The file for a task and an algorithm; raises ValueError where there is none."""
+    path = FOLDER / f"{task}-{algorithm}.yaml"
+    if not path.is_file():
+        allowed = ", ".join(sorted(file.stem for file in FOLDER.glob("*.yaml")))
+        raise ValueError(f"there is no config for {task}-{algorithm}; allowed are {allowed}")
+    return path
+
+
+def read_config(path: str | Path, changes: Sequence[str] = ()) -> Config:
+    """Read and check a YAML file, with `changes` such as "training.seed=3" put over it.
+
+    Raises ValueError, in one line that names file, key, value and what is allowed.
+    """
+    path = Path(path)
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read: {error.strerror}") from error
+    except yaml.YAMLError as error:
+        raise ValueError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(data, dict):
+        raise ValueError(f"{path} holds {type(data).__name__}; allowed is a mapping with the keys {_keys(Config)}")
+    for change in changes:
+        _apply(data, change)
+    return check_config(data, source=str(path))
+
+
+def check_config(data: Mapping[str, Any], source: str = "config") -> Config:
+    """Check plain data. Raises ValueError in one line, which begins with `source`."""
+    try:
+        return Config.model_validate(data)
+    except ValidationError as error:
+        raise ValueError("; ".join(_sentence(source, detail) for detail in error.errors())) from None
+
+
+def _apply(data: dict[str, Any], change: str) -> None:
+    """Put one "section.key=value" into nested data, its value read as YAML."""
+    name, equals, text = change.partition("=")
+    if not equals or not all(name.split(".")):
+        raise ValueError(f"change is {change!r}; allowed is section.key=value, for example training.seed=3")
+    *sections, key = name.split(".")
+    for section in sections:
+        inner = data.setdefault(section, {})
+        if inner is None:
+            inner = data[section] = {}
+        if not isinstance(inner, dict):
+            raise ValueError(f"change is {change!r}, but {section} is {inner!r} and has no keys")
+        data = inner
+    try:
+        data[key] = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ValueError(f"change is {change!r}, whose value is not YAML: {' '.join(str(error).split())}") from error
+
+
+def _sentence(source: str, detail: Any) -> str:
+    """One of pydantic's complaints in our words."""
+    key = ".".join(str(part) for part in detail["loc"])
+    if detail["type"] == "extra_forbidden":
+        section: type[Section] = Config
+        for part in detail["loc"][:-1]:
+            annotation = section.model_fields[str(part)].annotation
+            if isinstance(annotation, type) and issubclass(annotation, Section):
+                section = annotation
+        return f"{source}: {key} is not a setting; allowed are {_keys(section)}"
+    if detail["type"] == "missing":
+        return f"{source}: {key} is missing"
+    message = detail["msg"].removeprefix("Value error, ")
+    return f"{source}: {key} is {detail['input']!r}: {message[0].lower()}{message[1:]}"
+
+
+def _keys(section: type[Section]) -> str:
+    return ", ".join(section.model_fields)

@@ -1,0 +1,85 @@
+"""A learned policy as it is used: raw observation in, action out, with nothing pickled on the way."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3.common.policies import BasePolicy
+
+from agents.algorithms import make_network
+from agents.config import Config
+from agents.controller import AXES, STATE_SIZE, StateFeedback
+from agents.files import read_arrays, write_arrays, write_atomically
+from agents.relative import relative
+from agents.runs import NORMALISATION, POLICY, find_run, read_run_config
+
+CLIP = 10.0  # standard deviations; a rare extreme must not push the network where it was never trained
+EPSILON = 1e-8  # added to the variance, so that a coordinate that never moves divides by no zero
+
+
+class LearnedPolicy(StateFeedback):
+    """A trained network with all that stands between it and the environment's observation.
+
+    Arguments:
+        config: of the training.
+        network: Stable-Baselines3's policy.
+        reference: (18,), the equilibrium that observations are made relative to.
+        mean, variance: (18,), of the relative observations seen in training.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        network: BasePolicy,
+        reference: NDArray[np.float64],
+        mean: NDArray[np.float64],
+        variance: NDArray[np.float64],
+    ) -> None:
+        self.config = config
+        self.network = network
+        self.reference = reference
+        self.mean = mean
+        self.variance = variance
+        network.set_training_mode(False)
+
+    def actions(self, observations: NDArray[np.float64], deterministic: bool) -> NDArray[np.float64]:
+        """What the network says, limited to [-1, 1]: (n, axes) for raw observations (n, 18)."""
+        seen = relative(observations, self.reference).astype(np.float32)
+        scaled = np.clip((seen - self.mean) / np.sqrt(self.variance + EPSILON), -CLIP, CLIP).astype(np.float32)
+        return self.network.predict(scaled, deterministic=deterministic)[0].astype(np.float64)
+
+    def save(self, folder: Path) -> None:
+        """Write weights and statistics into a run folder."""
+        write_atomically(folder / POLICY, lambda file: torch.save(self.network.state_dict(), file))
+        arrays = {"reference": self.reference, "mean": self.mean, "variance": self.variance}
+        write_arrays(folder / NORMALISATION, arrays)
+
+    @classmethod
+    def load(cls, name_or_folder: str | Path) -> LearnedPolicy:
+        """Load a shipped policy or a run folder; raises ValueError where it is neither or is damaged."""
+        folder = find_run(name_or_folder)
+        config = read_run_config(folder)
+        try:
+            arrays = read_arrays(folder / NORMALISATION)
+            reference, mean, variance = (_vector(arrays, name) for name in ("reference", "mean", "variance"))
+        except (KeyError, ValueError, OSError) as error:
+            raise ValueError(f"{folder / NORMALISATION} is not the statistics of a run: {error}") from error
+        network = make_network(config, axes=len(config.environment.actuated_axes or AXES))
+        try:
+            network.load_state_dict(torch.load(folder / POLICY, map_location="cpu", weights_only=True))
+        except (RuntimeError, TypeError, AttributeError, EOFError, pickle.UnpicklingError) as error:
+            reason = str(error).splitlines()[0]
+            raise ValueError(f"{folder / POLICY} does not hold the weights of its config: {reason}") from error
+        return cls(config, network, reference, mean, variance)
+
+
+def _vector(arrays: dict[str, NDArray[Any]], name: str) -> NDArray[np.float64]:
+    vector = arrays[name].astype(np.float64)
+    if vector.shape != (STATE_SIZE,):
+        raise ValueError(f"{name} has shape {vector.shape}; allowed is ({STATE_SIZE},)")
+    return vector

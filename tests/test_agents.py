@@ -1,0 +1,483 @@
+"""Configs, training, run folders and the measures of an evaluation."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import agents
+import spring_pendulum_env
+from agents import runs
+from agents.baselines import Nothing
+from agents.config import Config, check_config, default_path, read_config
+from agents.evaluation import (
+    FIRST_SEED,
+    Episodes,
+    damping_values,
+    estimate,
+    evaluate,
+    roll_out,
+    settling_times,
+    stabilisation_values,
+    table,
+)
+from agents.files import read_csv, write_atomically, write_text
+from agents.relative import relative
+from spring_pendulum_env import Parameters
+
+ROOT = Path(__file__).resolve().parent.parent
+DAMPING = "SpringPendulumDamping-v0"
+TINY = [
+    "training.steps=2048",
+    "training.environments=8",
+    "training.checkpoint_every=512",
+    "network.layers=[8, 8]",
+    "ppo.n_steps=64",
+    "ppo.batch_size=256",
+    "ppo.n_epochs=2",
+]
+
+
+def tiny_config(*changes: str, task: str = "damping") -> Config:
+    return read_config(default_path(task, "ppo"), [*TINY, *changes])
+
+
+# Configs
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_config_is_valid_and_survives_a_round_trip(path: Path, tmp_path: Path) -> None:
+    config = read_config(path)
+    assert path.stem == f"{config.task}-{config.algorithm}"
+    copy = tmp_path / "config.yaml"
+    copy.write_text(config.to_yaml())
+    assert read_config(copy) == config
+
+
+def test_numbers_that_yaml_reads_as_text_are_numbers() -> None:
+    config = tiny_config("training.steps=1e6", "ppo.learning_rate=3e-4", "environment.parameters={m1: 2e0}")
+    assert config.training.steps == 1_000_000
+    assert config.ppo.learning_rate == 3e-4
+    assert config.environment.arguments() == {"parameters": {"m1": 2.0}}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("training.sede=3", ["training.sede", "allowed", "seed"]),
+        ("colour=red", ["colour", "allowed", "task"]),
+        ("environment.spread=0.1", ["environment.spread", "allowed", "start_scale"]),
+        ("training.steps=many", ["training.steps", "'many'", "number"]),
+        ("training.steps=0", ["training.steps", "0", "greater than 0"]),
+        ("training.steps=10.5", ["training.steps", "10.5", "integer"]),
+        ("training.seed=true", ["training.seed", "True", "number"]),
+        ("training.seed=-1", ["training.seed", "-1", "greater than or equal to 0"]),
+        ("ppo.gamma=1.5", ["ppo.gamma", "1.5", "less than or equal to 1"]),
+        ("ppo.learning_rate=.nan", ["ppo.learning_rate", "nan"]),
+        ("network.activation=sine", ["network.activation", "'sine'", "tanh"]),
+        ("task=swinging", ["task", "'swinging'", "damping"]),
+        ("ppo=3", ["ppo", "3"]),
+        ("training.seed", ["training.seed", "section.key=value"]),
+        ("training.seed.deep=1", ["training.seed.deep=1", "no keys"]),
+        ("training.seed=[", ["training.seed=[", "YAML"]),
+    ],
+)
+def test_wrong_settings_are_named(change: str, words: list[str]) -> None:
+    with pytest.raises(ValueError) as caught:
+        tiny_config(change)
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_a_missing_or_broken_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"nowhere.yaml cannot be read"):
+        read_config(tmp_path / "nowhere.yaml")
+    broken = tmp_path / "broken.yaml"
+    broken.write_text("task: [")
+    with pytest.raises(ValueError, match=r"broken.yaml is not YAML"):
+        read_config(broken)
+    broken.write_text("- task")
+    with pytest.raises(ValueError, match=r"broken.yaml holds list"):
+        read_config(broken)
+    with pytest.raises(ValueError, match="task is missing"):
+        check_config({})
+    with pytest.raises(ValueError, match=r"damping-magic; allowed are .*damping-ppo"):
+        default_path("damping", "magic")
+
+
+# Training and run folders
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, agents.policy.LearnedPolicy]:  # type: ignore[name-defined]
+    from agents.training import train
+
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    return folder, train(tiny_config(), folder, progress=False)
+
+
+def test_run_folder_is_complete(finished) -> None:  # type: ignore[no-untyped-def]
+    import torch
+
+    folder, _ = finished
+    present = {path.name for path in folder.iterdir()}
+    assert {runs.CONFIG, runs.RECORD, runs.CURVE, runs.POLICY, runs.NORMALISATION} <= present
+    assert runs.CHECKPOINT not in present
+    assert runs.read_run_config(folder) == tiny_config()
+    record = json.loads((folder / runs.RECORD).read_text())
+    assert record["finished"]
+    assert record["seed"] == 0
+    assert record["steps"] == 2048
+    assert record["versions"]["torch"] == torch.__version__
+    assert {"commit", "command", "seconds"} <= set(record)
+    assert [int(row["steps"]) for row in read_csv(folder / runs.CURVE)] == [512, 1024, 1536, 2048]
+    weights = torch.load(folder / runs.POLICY, weights_only=True)
+    assert all(isinstance(value, torch.Tensor) for value in weights.values())
+
+
+def test_loaded_policy_acts_as_the_trained_one(finished) -> None:  # type: ignore[no-untyped-def]
+    folder, trained = finished
+    loaded = agents.load(folder)
+    rest = spring_pendulum_env.equilibrium(Parameters(), "hanging-hanging")
+    observations = rest + 0.3 * np.random.default_rng(0).standard_normal((20, 18))
+    actions, state = loaded.predict(observations)
+    assert state is None
+    assert actions.shape == (20, 3)
+    assert np.abs(actions).max() <= 1
+    assert np.abs(actions).max() > 0
+    assert np.array_equal(actions, trained.predict(observations)[0])
+    for observation, action in zip(observations, actions, strict=True):
+        assert loaded.predict(observation)[0] == pytest.approx(action, abs=1e-6)
+
+
+def test_policy_sees_what_the_algorithm_saw(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Raw observation in, the same action as SB3's model gives for its own normalised observation."""
+    from agents import training
+
+    models = []
+    record = training.ALGORITHMS["ppo"]
+
+    def make_model(*arguments):  # type: ignore[no-untyped-def]
+        models.append(record.make_model(*arguments))
+        return models[-1]
+
+    monkeypatch.setitem(training.ALGORITHMS, "ppo", dataclasses.replace(record, make_model=make_model))
+    policy = training.train(tiny_config("training.steps=1024"), tmp_path / "run", progress=False)
+    normalised = models[0].get_vec_normalize_env()
+    raw = policy.reference + 0.3 * np.random.default_rng(0).standard_normal((20, 18))
+    seen = normalised.normalize_obs(relative(raw, policy.reference).astype(np.float32))
+    assert np.abs(seen).max() > 0.5
+    assert np.array_equal(policy.predict(raw)[0], models[0].predict(seen, deterministic=True)[0].astype(float))
+
+
+def test_interrupted_training_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    import torch
+
+    from agents import training
+
+    class Interrupted(Exception):
+        pass
+
+    write_checkpoint = training._write_checkpoint
+
+    def write_second_and_stop(model, *rest):  # type: ignore[no-untyped-def]
+        write_checkpoint(model, *rest)
+        if model.num_timesteps >= 1024:
+            raise Interrupted
+
+    folder = tmp_path / "run"
+    monkeypatch.setattr(training, "_write_checkpoint", write_second_and_stop)
+    with pytest.raises(Interrupted):
+        training.train(tiny_config(), folder, progress=False)
+    checkpoint = torch.load(folder / runs.CHECKPOINT, weights_only=True)
+    assert checkpoint["steps"] == 1024
+    assert not runs.read_record(folder)["finished"]
+    with pytest.raises(ValueError, match="unfinished"):
+        agents.load(folder)
+
+    restored = []
+    restore = training._restore
+    monkeypatch.setattr(training, "_write_checkpoint", write_checkpoint)
+    monkeypatch.setattr(training, "_restore", lambda *arguments: (restore(*arguments), restored.append(arguments[0])))
+    training.train(tiny_config(), folder, progress=False)
+    assert len(restored) == 1
+    assert restored[0].num_timesteps == 2048
+    assert [int(row["steps"]) for row in read_csv(folder / runs.CURVE)] == [512, 1024, 1536, 2048]
+    assert runs.read_record(folder)["finished"]
+    assert runs.read_record(folder)["seconds"] > checkpoint["seconds"]
+
+
+def test_restored_model_is_the_one_that_was_saved(tmp_path: Path) -> None:
+    import torch
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    from agents import training
+    from agents.training_env import RelativeObservations, make_training_env, task_equilibrium
+
+    config = tiny_config()
+    made = []
+    for _ in range(2):
+        env = VecNormalize(RelativeObservations(make_training_env(config), task_equilibrium(config)))
+        made.append((training.ALGORITHMS["ppo"].make_model(config, env, 0), env))
+    (first, first_env), (second, second_env) = made
+    first.learn(512)
+    training._write_checkpoint(first, first_env, tmp_path, seconds=1.0)
+    checkpoint = training._read_checkpoint(tmp_path)
+    assert checkpoint is not None
+    training._restore(second, second_env, checkpoint)
+    for there, here in zip(first.policy.parameters(), second.policy.parameters(), strict=True):
+        assert torch.equal(there, here)
+    moments = [model.policy.optimizer.state_dict()["state"][0]["exp_avg"] for model in (first, second)]
+    assert torch.equal(*moments)
+    assert moments[0].any()
+    for name in ("mean", "var", "count"):
+        assert np.array_equal(getattr(first_env.obs_rms, name), getattr(second_env.obs_rms, name))
+        assert np.array_equal(getattr(first_env.ret_rms, name), getattr(second_env.ret_rms, name))
+
+
+def test_a_finished_run_is_not_trained_again(finished, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
+    from agents import training
+
+    folder, trained = finished
+    monkeypatch.setattr(training, "make_training_env", None)
+    again = training.train(tiny_config(), folder, progress=False)
+    assert np.array_equal(again.predict(np.ones(18))[0], trained.predict(np.ones(18))[0])
+
+
+def test_a_folder_that_is_no_place_for_this_run_is_refused(finished, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    from agents.training import train
+
+    folder, _ = finished
+    with pytest.raises(ValueError, match=r"another config \(ppo.gamma is 0.9\d* there and 0.5 here\)"):
+        train(tiny_config("ppo.gamma=0.5"), folder, progress=False)
+    (tmp_path / "letter.txt").write_text("mine")
+    with pytest.raises(ValueError, match="holds files but no run"):
+        train(tiny_config(), tmp_path, progress=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["letter.txt"]
+
+
+def test_what_the_environment_refuses_leaves_nothing_behind(tmp_path: Path) -> None:
+    from agents.training import train
+
+    with pytest.raises(ValueError, match="sideways"):
+        config = tiny_config("environment.equilibrium=sideways", task="stabilisation")
+        train(config, tmp_path / "run", progress=False)
+    assert not (tmp_path / "run").exists()
+
+
+def test_what_is_not_a_run_is_refused(finished, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(ValueError, match=r"'.*nowhere', which is not there; allowed"):
+        agents.load(tmp_path / "nowhere")
+    with pytest.raises(ValueError, match=r"lacks config.yaml.*allowed"):
+        agents.load(tmp_path)
+    folder, _ = finished
+    for name in (runs.CONFIG, runs.NORMALISATION):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    (tmp_path / runs.POLICY).write_bytes(b"no weights")
+    with pytest.raises(ValueError, match=r"policy.pth does not hold the weights"):
+        agents.load(tmp_path)
+    (tmp_path / runs.NORMALISATION).write_bytes(b"no statistics")
+    with pytest.raises(ValueError, match=r"normalisation.npz is not the statistics"):
+        agents.load(tmp_path)
+
+
+@pytest.mark.parametrize("name", [name for name in runs.SHIPPED_NAMES if not (runs.SHIPPED / name).is_dir()])
+def test_a_policy_that_is_not_shipped_is_named(name: str) -> None:
+    with pytest.raises(ValueError, match=rf"'{name}', which is not there; allowed"):
+        agents.load(name)
+
+
+def test_seeds_of_training_never_reach_those_of_evaluation() -> None:
+    with pytest.raises(ValueError, match=r"training.seed is 4294967296"):
+        tiny_config(f"training.seed={2**32}")
+    assert FIRST_SEED > 2 * 2**32
+
+
+def test_importing_agents_is_light() -> None:
+    code = "import sys, agents, agents.config, agents.runs; print('torch' in sys.modules or 'numba' in sys.modules)"
+    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "False"
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (["train.py", "damping", "--steps", "many"], ["training.steps", "'many'"]),
+        (["train.py", "damping", "--set", "ppo.gama=1"], ["ppo.gama", "allowed"]),
+        (["train.py", "damping", "--algo", "magic"], ["damping-magic", "damping-ppo"]),
+        (["evaluate.py", "nowhere"], ["'nowhere'", "allowed"]),
+    ],
+)
+def test_scripts_say_in_one_line_what_is_wrong(command: list[str], words: list[str]) -> None:
+    script, *arguments = command
+    result = subprocess.run(
+        [sys.executable, str(ROOT / "scripts" / script), *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 2
+    assert result.stderr.count("\n") == 1
+    for word in words:
+        assert word in result.stderr
+
+
+def test_writing_fails_without_a_trace(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    write_text(path, "old")
+
+    def fail(file) -> None:  # type: ignore[no-untyped-def]
+        file.write(b"half")
+        raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        write_atomically(path, fail)
+    assert path.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+# Measures
+
+
+def hand_made(ratios: list[list[float]], ended_early: list[bool]) -> Episodes:
+    """Episodes of 4 control periods of 0.5 s, 10 J at the start, that stay at rest; a short list ended early."""
+    n, steps = len(ratios), 4
+    rest = spring_pendulum_env.equilibrium(Parameters(), "hanging-hanging")
+    excess = np.full((n, steps + 1), np.nan)
+    states = np.full((n, steps + 1, 18), np.nan)
+    forces = np.full((n, steps, 3), np.nan)
+    for i, row in enumerate(ratios):
+        excess[i, : len(row)] = 10 * np.array(row)
+        states[i, : len(row)] = rest
+        forces[i, : len(row) - 1] = [1.0, 2.0, 2.0]
+    lengths = np.array([len(row) - 1 for row in ratios])
+    times = 0.5 * np.arange(steps + 1)
+    return Episodes(times, states, excess, forces, np.tile(rest, (n, 1)), lengths, np.array(ended_early))
+
+
+def test_damping_measures_of_known_episodes() -> None:
+    episodes = hand_made(
+        [
+            [1.0, 0.5, 0.005, 0.005, 0.005],  # settles at 1 s
+            [1.0, 0.005, 0.5, 0.005, 0.005],  # seems to at 0.5 s, does so at 1.5 s
+            [1.0, 0.5, 0.5, 0.5, 0.01],  # 1 % is not under 1 %
+            [1.0, 0.005, 0.005],  # calm, but ended early
+        ],
+        [False, False, False, True],
+    )
+    values = damping_values(episodes)
+    assert values["settled"].tolist() == [1, 1, 0, 0]
+    assert values["settling_time"].tolist() == [1.0, 1.5, np.inf, np.inf]
+    assert values["energy_integral"] == pytest.approx([0.50625, 0.50625, 1.0025, 0.25125 + 0.0025 + 0.005])
+    assert values["effort"] == pytest.approx([18.0, 18.0, 18.0, 9.0])
+    assert values["anchor_travel"].tolist() == [0, 0, 0, 0]
+    with pytest.raises(ValueError, match="excess energy of 0"):
+        damping_values(hand_made([[0.0, 0.0, 0.0, 0.0, 0.0]], [False]))
+
+
+def test_stabilisation_measures_of_known_episodes() -> None:
+    episodes = hand_made([[1.0] * 5] * 6 + [[1.0] * 4], [False] * 6 + [True])
+    states = episodes.states
+    states[1, :3, 6] += 0.11  # mass 2 out of place until 1 s: back for the last half second only
+    states[2, :2, 4] += 0.11  # mass 1 out of place until 0.5 s: back for the last second
+    states[3, 4, 3:5] += 0.08  # 0.08 m on each of two axes is more than 0.1 m
+    states[4, :, [0, 3, 6]] -= 0.6  # all in place, but the anchor 0.6 m away
+    states[5, :, [1, 4, 7]] += 0.4  # 0.4 m away is near enough
+    values = stabilisation_values(episodes)
+    assert values["recovered"].tolist() == [1, 0, 1, 0, 0, 1, 0]
+    assert values["recovery_time"].tolist() == [0.0, np.inf, 1.0, np.inf, np.inf, 0.0, np.inf]
+    assert values["anchor_travel"] == pytest.approx([0, 0, 0, 0, 0.6, 0.4, 0])
+
+
+def test_settling_times() -> None:
+    calm = np.array([[1, 1, 1], [0, 0, 1], [1, 1, 0], [0, 1, 1], [0, 1, 1]], dtype=bool)
+    ended_early = np.array([0, 0, 0, 0, 1], dtype=bool)
+    assert settling_times(calm, np.array([0.0, 0.1, 0.2]), ended_early).tolist() == [0.0, 0.2, np.inf, 0.1, np.inf]
+
+
+def test_intervals_cover_what_they_should() -> None:
+    share = estimate(np.array([1.0] * 8 + [0.0] * 2), "share")
+    assert (share.value, share.low, share.high) == pytest.approx((0.8, 0.4901625, 0.9433178))  # Wilson, 8 of 10
+    sure = estimate(np.ones(100), "share")
+    assert sure.low == pytest.approx(0.9630065)
+    assert sure.high == pytest.approx(1.0)
+    random = np.random.default_rng(5)
+    estimates = [estimate(random.exponential(size=80), "median") for _ in range(200)]
+    covered = np.mean([found.low <= np.log(2) <= found.high for found in estimates])
+    assert 0.9 < covered < 0.99
+    censored = estimate(np.array([1.0] * 60 + [np.inf] * 40), "median")
+    assert censored.value == censored.low == 1.0
+
+
+def test_every_controller_gets_the_same_unseen_starts() -> None:
+    one, two = (roll_out(Nothing(), DAMPING, {}, range(FIRST_SEED, FIRST_SEED + 3)) for _ in range(2))
+    assert np.array_equal(one.states, two.states, equal_nan=True)
+    assert len(np.unique(one.states[:, 0, 3])) == 3
+    assert not np.nan_to_num(one.forces).any()
+
+
+def test_an_early_end_is_recorded() -> None:
+    class FullForce(Nothing):
+        def actions(self, observations: np.ndarray, deterministic: bool) -> np.ndarray:
+            return super().actions(observations, deterministic) + np.array([1.0, 0.0, 0.0])
+
+    (evaluation,) = evaluate({"full force": FullForce()}, DAMPING, {}, 3)
+    episodes = evaluation.episodes
+    assert episodes.ended_early.all()
+    assert (episodes.lengths < 100).all()
+    for i, length in enumerate(episodes.lengths):
+        assert np.abs(episodes.states[i, length, :3]).max() > 2.0
+        assert np.isnan(episodes.states[i, length + 1 :]).all()
+        assert evaluation.values["effort"][i] == pytest.approx(400.0 * 0.02 * length)
+    assert not evaluation.values["settled"].any()
+
+
+def test_table_and_comparison(finished, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    from agents.comparison import compare
+
+    _, policy = finished
+    text = compare(policy, policy.config, tmp_path, episodes=4)
+    assert [line.split("|")[1].strip() for line in text.splitlines()[2:]] == ["policy", "LQR", "nothing"]
+    for name in ("table.md", "summary.csv", "episodes.csv", "evaluation.json", "energy.png", "paths.png"):
+        assert (tmp_path / name).stat().st_size > 0
+    assert len(read_csv(tmp_path / "episodes.csv")) == 12
+    rows = {(row["controller"], row["measure"]): row for row in read_csv(tmp_path / "summary.csv")}
+    assert rows["nothing", "settled"]["value"] == "0.0"
+    assert rows["nothing", "settling_time"]["value"] == "inf"
+    assert float(rows["LQR", "effort"]["value"]) > 0
+    record = json.loads((tmp_path / "evaluation.json").read_text())
+    assert record["first_seed"] == FIRST_SEED
+    assert record["config"]["training"]["seed"] == 0
+    assert "versions" in record
+
+
+def test_evaluation_refuses_what_it_cannot_score() -> None:
+    with pytest.raises(ValueError, match="episodes is 0"):
+        evaluate({"nothing": Nothing()}, DAMPING, {}, 0)
+    with pytest.raises(ValueError, match=r"SpringPendulumPassive-v0.*allowed are"):
+        evaluate({"nothing": Nothing()}, "SpringPendulumPassive-v0", {}, 3)
+    assert table([], DAMPING).count("\n") == 1
+
+
+def test_stabilisation_trains_and_compares(tmp_path: Path) -> None:
+    from agents.comparison import compare
+    from agents.training import train
+
+    config = tiny_config(
+        "environment.equilibrium=hanging-inverted", "environment.actuated_axes=xz", task="stabilisation"
+    )
+    policy = train(config, tmp_path / "run", progress=False)
+    assert np.array_equal(policy.reference, spring_pendulum_env.equilibrium(Parameters(), "hanging-inverted"))
+    assert agents.load(tmp_path / "run").predict(policy.reference)[0].shape == (2,)
+    text = compare(policy, config, tmp_path / "evaluation", episodes=3)
+    assert "recovered" in text
+    assert (tmp_path / "evaluation" / "paths.png").stat().st_size > 0
