@@ -5,12 +5,13 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/ready
 
-.PHONY: help install demo test check wheel-test clean
+.PHONY: help install demo test check accuracy wheel-test clean
 
 help:
-	@echo "make demo        train a damping policy, compare it with doing nothing and LQR, draw the results (in demo/)"
+	@echo "make demo        train a damping policy, compare it with doing nothing and LQR, draw the results (in runs/)"
 	@echo "make test        all tests, the wheel's too, and the checks"
 	@echo "make check       ruff and mypy"
+	@echo "make accuracy    table of both integrators' errors on the reference trajectories"
 	@echo "make wheel-test  build the wheel and try it in an empty environment with the core dependencies alone"
 	@echo "make install     only make the virtual environment, $(VENV)"
 	@echo "make clean       remove what these commands made"
@@ -39,9 +40,12 @@ test: check
 	@$(BIN)/python -c 'import gymnasium, spring_pendulum_env; gymnasium.make("SpringPendulumDamping-v0").reset()'
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal $(PYTEST)
 
+accuracy: $(READY)
+	$(BIN)/python tests/test_integration.py
+
 wheel-test: $(READY)
 	$(BIN)/python -m pytest tests/test_wheel.py $(PYTEST)
 
 clean:
-	rm -rf $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
