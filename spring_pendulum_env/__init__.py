@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import gymnasium as _gym
 
 from spring_pendulum_env.equilibria import EQUILIBRIA, NormalModes, energy, equilibrium, linearise, normal_modes
@@ -9,12 +11,18 @@ from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.simulation import Trajectory, simulate
 from spring_pendulum_env.tasks import TASKS
 
+if TYPE_CHECKING:
+    from spring_pendulum_env.env import SpringPendulumEnv
+    from spring_pendulum_env.vector_env import SpringPendulumVectorEnv
+
 __version__ = "0.1.0"
 
 __all__ = [
     "EQUILIBRIA",
     "NormalModes",
     "Parameters",
+    "SpringPendulumEnv",
+    "SpringPendulumVectorEnv",
     "Trajectory",
     "energy",
     "equilibrium",
@@ -32,3 +40,16 @@ for _id, _task in TASKS.items():
             max_episode_steps=_task.max_episode_steps,
             kwargs={"task": _task.name},
         )
+
+
+def __getattr__(name: str) -> Any:
+    """The environment classes, on first use: they import numba, which takes as long as all the rest."""
+    if name == "SpringPendulumEnv":
+        from spring_pendulum_env.env import SpringPendulumEnv
+
+        return SpringPendulumEnv
+    if name == "SpringPendulumVectorEnv":
+        from spring_pendulum_env.vector_env import SpringPendulumVectorEnv
+
+        return SpringPendulumVectorEnv
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

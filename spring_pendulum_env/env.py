@@ -161,6 +161,16 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self._constants: dict[str, float] = self._parameters.as_dict()
         self._settings = layout.settings_of(self.scenario)
         self._rows = np.zeros((1, layout.FIELDS, 1))
+        self._terms = [
+            (f"reward_{term}", layout.TERMS + REWARD_TERMS.index(term) - layout.WORK)
+            for term in self.scenario.task.terms
+        ]
+        self._renderer: Any = None
+        self._started = False
+        self._look_into_rows()
+
+    def _look_into_rows(self) -> None:
+        """Sets the views into `_rows` through which this environment sees its pendulum."""
         row = self._rows[0, :, 0]
         self._full_state = row[layout.STATE : layout.STATE + 18]
         # A copy of what the observation shows: of all, or of the numbers of the two masses.
@@ -170,12 +180,15 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self._action = row[layout.action_slice(self.scenario.actuated_axes)]
         self._force = row[layout.FORCE : layout.FORCE + 3]
         self._outcome = row[layout.WORK : layout.STATUS]
-        self._terms = [
-            (f"reward_{term}", layout.TERMS + REWARD_TERMS.index(term) - layout.WORK)
-            for term in self.scenario.task.terms
-        ]
-        self._renderer: Any = None
-        self._started = False
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the window and the views, which would be copied apart from what they show."""
+        views = ("_full_state", "_observe", "_action", "_force", "_outcome")
+        return {name: value for name, value in self.__dict__.items() if name not in views} | {"_renderer": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._look_into_rows()
 
     @property
     def parameters(self) -> Parameters:

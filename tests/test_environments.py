@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import json
+import pickle
+import subprocess
+import sys
 import warnings
 from collections.abc import Iterator
 from typing import Any
@@ -418,6 +422,27 @@ def test_motion_that_overflows_is_an_error() -> None:
     env.reset(options={"state": np.r_[np.ones(6), np.full(6, 1e200)]})
     with pytest.raises(FloatingPointError, match="range"):
         env.step(None)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_goes_on_with_the_same_bits_by_itself(env: gym.Env[Any, Any], copied: Any) -> None:
+    run(env, 5)
+    twin = copied(env)
+    action = np.full(env.action_space.shape, 0.2)  # type: ignore[arg-type]
+    first = env.step(action)[0].tobytes()
+    env.step(action)
+    assert twin.step(action)[0].tobytes() == first
+    assert twin.reset()[0].tobytes() == env.reset()[0].tobytes()
+
+
+def test_classes_are_public_and_imported_only_when_asked_for() -> None:
+    assert issubclass(spring_pendulum_env.SpringPendulumEnv, gym.Env)
+    assert issubclass(spring_pendulum_env.SpringPendulumVectorEnv, gym.vector.VectorEnv)
+    with pytest.raises(AttributeError, match="SpringPendulum"):
+        _ = spring_pendulum_env.SpringPendulum
+    code = "import sys, spring_pendulum_env; print(*{'numba', 'scipy.integrate', 'pygame', 'torch'} & set(sys.modules))"
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert printed.strip() == ""
 
 
 def test_close_may_be_called_twice(env: gym.Env[Any, Any]) -> None:
