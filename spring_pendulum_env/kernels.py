@@ -463,7 +463,7 @@ def _advance(rows, first, count, settings):
         # As they are; then those again, finer, of which a spring came too close to zero length.
         origin = np.empty(WIDTH, dtype=np.int64)
         for refinement in (1, REFINEMENT):
-            gathered = 0
+            gathered = np.int64(0)  # of a plain 0 numba would compile what it is handed to a second time
             for index in range(first, end + 1):
                 block, column = divmod(index, width)
                 wanted = index < end and (refinement == 1 or rows[block, GUARDED, column] != 0.0)
@@ -474,7 +474,7 @@ def _advance(rows, first, count, settings):
                     or (wanted and rows[block, STEPS, column] != rows[origin[0] // width, STEPS, origin[0] % width])
                 ):
                     _splitting(rows, origin, gathered, refinement)
-                    gathered = 0
+                    gathered = np.int64(0)
                 if wanted:
                     origin[gathered] = index
                     gathered += 1

@@ -6,6 +6,7 @@ A scenario knows which parameters and which start an episode gets; it never inte
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 from typing import Any, Literal
@@ -152,6 +153,11 @@ class Scenario:
         """Numbers in an observation: 18 where the anchor moves, else 12."""
         return 18 if self.task.actuated else 12
 
+    @functools.cached_property
+    def rest(self) -> FloatArray:
+        """The state, shape (18,), about which episodes with the usual parameters start."""
+        return vertical_state(*self.spring_heights(self.parameters))
+
     def spring_heights(self, parameters: Parameters) -> tuple[float, float]:
         """Where the far end of each spring belongs, relative to its near end, m on the z axis.
 
@@ -178,13 +184,13 @@ class Scenario:
                 raise ValueError(f"unknown option {option!r}: must be 'state' or 'parameters'")
         drawn = {name: float(random.uniform(low, high)) for name, (low, high) in self.randomise.items()}
         parameters = self.parameters.replace(drawn).replace(options.get("parameters"))
-        heights = self.spring_heights(parameters)
+        rest = self.rest if parameters is self.parameters else vertical_state(*self.spring_heights(parameters))
         if options.get("state") is not None:
             return parameters, self.checked_state(options["state"])
-        start = vertical_state(*heights)
-        noise = random.standard_normal(12) * self.start_scale
-        start[3:9] += noise[:6] * self.task.start_displacement
-        start[12:18] += noise[6:] * self.task.start_velocity
+        start = rest.copy()
+        noise = random.standard_normal(12)
+        start[3:9] += noise[:6] * (self.start_scale * self.task.start_displacement)
+        start[12:18] += noise[6:] * (self.start_scale * self.task.start_velocity)
         return parameters, start
 
     def checked_state(self, state: Any) -> FloatArray:

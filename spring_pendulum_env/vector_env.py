@@ -129,7 +129,8 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             f"reward_{term}": layout.TERMS + REWARD_TERMS.index(term) for term in self.scenario.task.terms
         }
         self._randoms: list[np.random.Generator | None] = [None] * num_envs
-        self._constants = {name: np.zeros(num_envs) for name in Parameters.names()}
+        self._constants = {name: np.full(num_envs, value) for name, value in self.scenario.parameters.as_dict().items()}
+        self._unusual: BoolArray = np.zeros(num_envs, dtype=np.bool_)  # rows whose constants are drawn or set
         self._shown_constants: dict[str, FloatArray | BoolArray] | None = None
         self._no_actions = np.zeros((num_envs, len(self.scenario.actuated_axes)))
         self._all = _read_only(np.ones(num_envs, dtype=np.bool_))
@@ -254,11 +255,12 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             layout.fill(self._rows, row, fields, state)
             if row in self._renderers:
                 self._renderers[row].forget()
-        for name in self._constants:
-            values = [getattr(parameters, name) for parameters, _ in drawn]
-            if not np.array_equal(self._constants[name][rows], values):
-                self._constants[name][rows] = values
-                self._shown_constants = None
+        unusual = [parameters is not self.scenario.parameters for parameters, _ in drawn]
+        if any(unusual) or self._unusual[rows].any():
+            self._unusual[rows] = unusual
+            self._shown_constants = None
+            for name, values in self._constants.items():
+                values[rows] = [getattr(parameters, name) for parameters, _ in drawn]
 
     def _report_placed(self, rows: NDArray[np.intp], results: _Results) -> None:
         for row in rows.tolist():
