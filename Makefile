@@ -4,14 +4,16 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/ready
+BENCH_VENV ?= .venv-bench
 
-.PHONY: help install demo test check accuracy wheel-test clean
+.PHONY: help install demo test check accuracy bench wheel-test clean
 
 help:
 	@echo "make demo        train a damping policy, compare it with doing nothing and LQR, draw the results (in runs/)"
 	@echo "make test        all tests, the wheel's too, and the checks"
 	@echo "make check       ruff and mypy"
 	@echo "make accuracy    table of both integrators' errors on the reference trajectories"
+	@echo "make bench       compare speed with other environments and integrators (in runs/benchmark)"
 	@echo "make wheel-test  build the wheel and try it in an empty environment with the core dependencies alone"
 	@echo "make install     only make the virtual environment, $(VENV)"
 	@echo "make clean       remove what these commands made"
@@ -43,9 +45,18 @@ test: check
 accuracy: $(READY)
 	$(BIN)/python tests/test_integration.py
 
+$(BENCH_VENV)/ready: pyproject.toml
+	$(PYTHON) -m venv $(BENCH_VENV)
+	$(BENCH_VENV)/bin/python -m pip install --quiet --upgrade pip
+	$(BENCH_VENV)/bin/python -m pip install --quiet --editable '.[bench]'
+	@touch $@
+
+bench: $(BENCH_VENV)/ready
+	$(BENCH_VENV)/bin/python scripts/benchmark.py $(BENCH)
+
 wheel-test: $(READY)
 	$(BIN)/python -m pytest tests/test_wheel.py $(PYTEST)
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(BENCH_VENV) build dist .pytest_cache .mypy_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -41,8 +41,6 @@ def main() -> None:
 
     from agents.training import train  # slow to import: after the checks above
 
-    if runs.is_unfinished(folder):
-        print(f"going on with {folder}")
     train(config, folder)
     record = runs.read_record(folder)
     print(f"trained for {record['steps']:,} steps in {record['seconds']:.0f} s: {folder}")

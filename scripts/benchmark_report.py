@@ -1,0 +1,282 @@
+"""What the benchmark found: its table, its files and its pictures."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import importlib.metadata
+import io
+import json
+import os
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+PACKAGES = (
+    "spring-pendulum-env gymnasium numpy numba scipy mujoco envpool gymnax jax heyoka".split()  # noqa: SIM905
+)
+HEADINGS = ("section", "what", "beside", "value", "quartiles", "must reach", "reached", "how")
+
+
+@dataclasses.dataclass(frozen=True)
+class Record:
+    """One figure: a median over rounds with its quartiles."""
+
+    section: str
+    what: str
+    beside: str
+    """What it is compared with; empty for a figure of its own."""
+    value: float
+    low: float
+    high: float
+    unit: str
+    """"x": a ratio; else the unit."""
+    bound: str = ""
+    """"at least" or "at most"; empty where nothing must be reached."""
+    target: float = 0.0
+    how: str = ""
+
+    @property
+    def reached(self) -> bool | None:
+        """Whether the median is on the right side of the target; None without a target."""
+        if not self.bound:
+            return None
+        return self.value >= self.target if self.bound == "at least" else self.value <= self.target
+
+    def cells(self) -> tuple[str, ...]:
+        """What stands in its row of the table."""
+        unit = "" if self.unit == "x" else f" {self.unit}"
+        target = f"{self.bound} {self.target:g}{unit}" if self.bound else ""
+        reached = {True: "yes", False: "NO", None: ""}[self.reached]
+        spread = f"{number(self.low)} to {number(self.high)}"
+        value = f"{number(self.value)}{unit}"
+        return (self.section, self.what, self.beside, value, spread, target, reached, self.how)
+
+
+def number(value: float) -> str:
+    """Three significant digits, without an exponent where it can be helped."""
+    if value != value:
+        return "-"
+    if value == 0 or 1e-3 <= abs(value) < 1e6:
+        digits = 3 - len(f"{abs(value):.0f}") if abs(value) >= 1 else 3
+        return f"{value:,.{max(0, digits)}f}"
+    return f"{value:.2e}"
+
+
+def table(records: Iterable[Record]) -> str:
+    """The records as a table of Markdown."""
+    rows = [HEADINGS, *(record.cells() for record in records)]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(HEADINGS))]
+    lines = [
+        "| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |" for row in rows
+    ]
+    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
+    return "\n".join(lines)
+
+
+def machine() -> dict[str, Any]:
+    """What the figures depend on: processor, cores in use, system, versions."""
+    versions = {}
+    for package in PACKAGES:
+        try:
+            versions[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+    return {
+        "cpu": _cpu(),
+        "cores of the machine": os.cpu_count(),
+        "pinned to core": cores if len(cores) == 1 else "not pinned",
+        "load when it began": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else "unknown",
+        "system": f"{platform.system()} {platform.release()}",
+        "python": platform.python_version(),
+        "versions": versions,
+    }
+
+
+def _cpu() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def headline(about: Mapping[str, Any]) -> str:
+    """The machine in a few lines."""
+    versions = ", ".join(f"{name} {version}" for name, version in about["versions"].items())
+    pinned = about["pinned to core"]
+    where = f"core {pinned[0]} of {about['cores of the machine']}" if isinstance(pinned, list) else pinned
+    return (
+        f"{about['cpu']}, {where}, load {about['load when it began']}; {about['system']}, "
+        f"Python {about['python']}\n{versions}"
+    )
+
+
+def save(folder: Path, about: Mapping[str, Any], records: Sequence[Record], curves: Mapping[str, Any]) -> None:
+    """Write benchmark.json and benchmark.csv, and the pictures if matplotlib is installed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = [{**dataclasses.asdict(record), "reached": record.reached} for record in records]
+    (folder / "benchmark.json").write_text(
+        json.dumps({"machine": about, "records": rows, "curves": curves}, indent=1) + "\n", encoding="utf-8"
+    )
+    text = io.StringIO()
+    writer = csv.DictWriter(
+        text, [*(field.name for field in dataclasses.fields(Record)), "reached"], lineterminator="\n"
+    )
+    writer.writeheader()
+    writer.writerows(rows)
+    (folder / "benchmark.csv").write_text(text.getvalue(), encoding="utf-8")
+
+
+BLUE, RED, GREY, INK = "#2b6cb0", "#c05621", "#a0aec0", "#2d3748"
+FAMILY = ("#2b6cb0", "#c05621", "#2f855a", "#6b46c1", "#b7791f", "#4a5568")
+
+
+def draw(folder: Path, about: Mapping[str, Any], records: Sequence[Record], curves: Mapping[str, Any]) -> list[Path]:
+    """Draw what was measured; returns the files.
+
+    Raises:
+        ModuleNotFoundError: matplotlib isn't installed.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    plt.rcParams.update({"axes.spines.top": False, "axes.spines.right": False, "font.size": 10, "axes.grid": False})
+    figures = {
+        "ratios": _ratios(plt, [record for record in records if record.bound and record.unit == "x"]),
+        "scaling": _scaling(plt, curves),
+        "passive": _passive(plt, curves),
+        "parts": _parts(plt, curves),
+    }
+    files = []
+    for name, figure in figures.items():
+        if figure is None:
+            continue
+        figure.get_layout_engine().set(rect=(0, 0.2 / figure.get_figheight(), 1, 1 - 0.2 / figure.get_figheight()))
+        figure.text(0.995, 0.004, f"{about['cpu']}, one core", ha="right", va="bottom", fontsize=7, color=GREY)
+        files.append(folder / f"{name}.png")
+        figure.savefig(files[-1], dpi=150)
+        plt.close(figure)
+    return files
+
+
+def _ratios(plt: Any, records: Sequence[Record]) -> Any:
+    """Each ratio as a multiple of what it must reach."""
+    if not records:
+        return None
+    figure, axes = plt.subplots(figsize=(9.5, 0.9 + 0.3 * len(records)), layout="constrained")
+    for place, record in enumerate(records):
+        turned = record.bound == "at most"
+        share, low, high = (
+            record.target / value if turned else value / record.target
+            for value in (record.value, record.high if turned else record.low, record.low if turned else record.high)
+        )
+        colour = BLUE if record.reached else RED
+        axes.barh(place, share - 1, left=1, height=0.62, color=colour)
+        axes.plot([low, high], [place, place], color=INK, linewidth=1)
+        text = f"{number(record.value)} ({record.bound} {record.target:g})"
+        axes.annotate(
+            text, (max(share, high, 1), place), xytext=(5, 0), textcoords="offset points", va="center", fontsize=8
+        )
+    axes.axvline(1, color=INK, linewidth=1)
+    axes.set_xscale("log")
+    axes.set_xlim(right=axes.get_xlim()[1] * 2.5)
+    axes.set_yticks(range(len(records)), [f"{record.what}: {record.beside}" for record in records], fontsize=8)
+    axes.tick_params(axis="y", length=0)
+    axes.set_ylim(len(records) - 0.4, -0.6)
+    axes.set_xlabel("multiple of what must be reached")
+    figure.suptitle("Speed beside the peers: medians and quartiles, reached right of the line", fontsize=11)
+    return figure
+
+
+def _scaling(plt: Any, curves: Mapping[str, Any]) -> Any:
+    """Time of one step of one environment against their number and against stiffness."""
+    if "number" not in curves:
+        return None
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
+    for axes, name, label in (
+        (left, "number", "environments in the batch"),
+        (right, "stiffness", "stiffness of both springs, N/m"),
+    ):
+        variants = ((name, "", BLUE), (f"{name}, no episode ending", "no episode ending", RED))
+        for key, caption, colour in variants:
+            if key in curves:
+                curve = curves[key]
+                axes.fill_between(curve["x"], curve["low"], curve["high"], color=colour, alpha=0.2, linewidth=0)
+                axes.plot(curve["x"], curve["median"], "o-", color=colour, markersize=4, label=caption or None)
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlabel(label)
+        axes.grid(alpha=0.25)
+    steps = curves["stiffness"]["integration steps"]
+    scale = curves["stiffness"]["median"][-1] / steps[-1]
+    right.plot(
+        curves["stiffness"]["x"],
+        [scale * n for n in steps],
+        "--",
+        color=GREY,
+        label="proportional to the integration steps",
+    )
+    right.legend(frameon=False)
+    left.legend(frameon=False)
+    left.set_ylabel("µs for one step of one environment")
+    left.set_title("A full vector step", loc="left", fontsize=11)
+    right.set_title(f"{curves['stiffness']['environments']:,} environments, no episode ending", loc="left", fontsize=11)
+    return figure
+
+
+def _passive(plt: Any, curves: Mapping[str, Any]) -> Any:
+    """Time against energy error for each integrator, one panel for each motion."""
+    motions = curves.get("passive")
+    if not motions:
+        return None
+    figure, panels = plt.subplots(1, len(motions), figsize=(9.5, 4.0), layout="constrained", sharey=True, squeeze=False)
+    for axes, (motion, solvers) in zip(panels[0], motions.items(), strict=True):
+        for place, (name, points) in enumerate(solvers["solvers"].items()):
+            axes.plot(
+                [point["error"] for point in points],
+                [point["seconds"] for point in points],
+                "o-",
+                color=FAMILY[place % len(FAMILY)],
+                markersize=4,
+                label=name,
+            )
+        axes.axvline(1e-10, color=INK, linewidth=1, linestyle=":")
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.invert_xaxis()
+        axes.grid(alpha=0.25)
+        axes.set_xlabel("largest relative energy error")
+        axes.set_title(f"{motion} motion, {solvers['horizon']:g} s", loc="left", fontsize=11)
+    panels[0][0].set_ylabel("seconds")
+    handles, labels = panels[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    return figure
+
+
+def _parts(plt: Any, curves: Mapping[str, Any]) -> Any:
+    """Where the time of a vector step goes."""
+    parts = curves.get("parts")
+    if not parts:
+        return None
+    figure, panels = plt.subplots(
+        len(parts), 1, figsize=(9.5, 0.9 + 0.95 * len(parts)), layout="constrained", squeeze=False
+    )
+    for axes, (size, entry) in zip(panels[:, 0], parts.items(), strict=True):
+        left = 0.0
+        for colour, (name, width) in zip(FAMILY, entry["parts"].items(), strict=True):
+            axes.barh(0, max(width, 0.0), left=left, height=0.6, color=colour, label=name)
+            left += max(width, 0.0)
+        axes.axvline(entry["divider"], color=INK, linewidth=1.5, linestyle=":", label="the divider's limit")
+        axes.set_yticks([0], [f"{size} environment{'s' if size != '1' else ''}"])
+        axes.tick_params(axis="y", length=0)
+        axes.set_xlim(left=0)
+    axes.set_xlabel("µs for one step of one environment")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False, fontsize=9)
+    return figure
