@@ -69,6 +69,17 @@ class TrainingConfig(Section):
     normalise_reward: bool = True
 
 
+class ObservationConfig(Section):
+    """How the relative observations are brought to the size that a network likes.
+
+    By `scales`, one for positions (m) and one for velocities (m/s), or where there are none by the standard deviations
+    met in training. Fixed scales can resolve what is near the equilibrium however wild the rest is: where most
+    episodes end in a fall, its velocities hide the few centimetres that decide about it.
+    """
+
+    scales: tuple[Positive, Positive] | None = None
+
+
 class NetworkConfig(Section):
     """Hidden layers, of the policy and, apart from it, of the value."""
 
@@ -100,6 +111,7 @@ class Config(Section):
     algorithm: Literal["ppo"] = "ppo"
     environment: EnvironmentConfig = EnvironmentConfig()
     training: TrainingConfig = TrainingConfig()
+    observation: ObservationConfig = ObservationConfig()
     network: NetworkConfig = NetworkConfig()
     ppo: PPOConfig = PPOConfig()
 

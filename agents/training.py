@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
@@ -20,6 +21,7 @@ from tqdm import tqdm  # type: ignore[import-untyped]
 from agents import runs
 from agents.algorithms import ALGORITHMS
 from agents.config import Config
+from agents.controller import STATE_SIZE
 from agents.files import read_csv, write_atomically, write_csv, write_json, write_text
 from agents.policy import CLIP, EPSILON, LearnedPolicy
 from agents.training_env import RelativeObservations, make_training_env, task_equilibrium
@@ -47,6 +49,8 @@ def train(config: Config, folder: str | Path, *, progress: bool = True) -> Learn
         gamma=config.ppo.gamma,
         epsilon=EPSILON,
     )
+    if config.observation.scales:
+        env.obs_rms = _FixedScales(*config.observation.scales)  # type: ignore[assignment]  # declared as a mapping
     try:
         model = ALGORITHMS[config.algorithm].make_model(config, env, _seed(config, steps_before))
         model.set_logger(_logger(folder))
@@ -153,6 +157,17 @@ def _running(statistics: Any) -> RunningMeanStd:
     if not isinstance(statistics, RunningMeanStd):
         raise TypeError(f"statistics of observations are {type(statistics).__name__}; allowed is RunningMeanStd")
     return statistics
+
+
+class _FixedScales(RunningMeanStd):
+    """Statistics that are given instead of gathered."""
+
+    def __init__(self, position: float, velocity: float) -> None:
+        super().__init__(shape=(STATE_SIZE,))
+        self.var = np.repeat([position**2, velocity**2], STATE_SIZE // 2)
+
+    def update(self, arr: NDArray[Any]) -> None:
+        """Nothing is gathered."""
 
 
 def _statistics(running: RunningMeanStd) -> dict[str, Any]:

@@ -84,6 +84,9 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         actuated_axes: str | None = None,
         equilibrium: str | None = None,
     ) -> None:
+        # These first, since `close` is called even of an environment whose arguments were refused.
+        self._renderers: dict[int, Any] = {}
+        self._pool: concurrent.futures.ThreadPoolExecutor | None = None
         self.scenario = Scenario.of(
             task_named(task),
             parameters=parameters,
@@ -123,7 +126,8 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self._settings = layout.settings_of(self.scenario)
         self._template = layout.template(self.scenario, self.scenario.parameters)
         self._rows = np.zeros((-(-num_envs // width), layout.FIELDS, width))
-        self._pool = concurrent.futures.ThreadPoolExecutor(self.threads) if self.threads > 1 else None
+        if self.threads > 1:
+            self._pool = concurrent.futures.ThreadPoolExecutor(self.threads)
         self._shares = _shares(num_envs, width, self.threads)
         self._numbers = _NUMBERS | {
             f"reward_{term}": layout.TERMS + REWARD_TERMS.index(term) for term in self.scenario.task.terms
@@ -135,7 +139,6 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self._no_actions = np.zeros((num_envs, len(self.scenario.actuated_axes)))
         self._all = _read_only(np.ones(num_envs, dtype=np.bool_))
         self._ended: BoolArray = np.zeros(num_envs, dtype=np.bool_)
-        self._renderers: dict[int, Any] = {}
         self._started = False
 
     @property

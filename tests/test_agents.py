@@ -80,6 +80,8 @@ def test_numbers_that_yaml_reads_as_text_are_numbers() -> None:
         ("training.seed=-1", ["training.seed", "-1", "greater than or equal to 0"]),
         ("ppo.gamma=1.5", ["ppo.gamma", "1.5", "less than or equal to 1"]),
         ("ppo.learning_rate=.nan", ["ppo.learning_rate", "nan"]),
+        ("observation.scales=[0.1]", ["observation.scales", "1"]),
+        ("observation.scales=[0.1, 0]", ["observation.scales.1", "0", "greater than 0"]),
         ("network.activation=sine", ["network.activation", "'sine'", "tanh"]),
         ("task=swinging", ["task", "'swinging'", "damping"]),
         ("ppo=3", ["ppo", "3"]),
@@ -176,6 +178,17 @@ def test_policy_sees_what_the_algorithm_saw(monkeypatch: pytest.MonkeyPatch, tmp
     seen = normalised.normalize_obs(relative(raw, policy.reference).astype(np.float32))
     assert np.abs(seen).max() > 0.5
     assert np.array_equal(policy.predict(raw)[0], models[0].predict(seen, deterministic=True)[0].astype(float))
+
+
+@pytest.mark.parametrize("scales", ["[0.2, 0.4]", "null"])
+def test_observations_are_scaled_as_the_config_says(scales: str, tmp_path: Path) -> None:
+    from agents.training import train
+
+    config = tiny_config("training.steps=512", f"observation.scales={scales}")
+    policy = train(config, tmp_path / "run", progress=False)
+    given = np.repeat([0.04, 0.16], 9)
+    assert np.allclose(policy.variance, given) == (scales != "null")
+    assert np.allclose(policy.mean, 0.0) == (scales != "null")
 
 
 def test_interrupted_training_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
