@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium as gym
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from spring_pendulum_env import integrators, kernels, layout
 from spring_pendulum_env.physics import Parameters
-from spring_pendulum_env.scenario import Scenario, Tolerance
+from spring_pendulum_env.scenario import Arguments, Scenario
 from spring_pendulum_env.tasks import REWARD_TERMS, task_named
 
 FloatArray = NDArray[np.float64]
@@ -126,34 +125,15 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
     def __init__(
         self,
         task: str,
-        parameters: Parameters | Mapping[str, float] | None = None,
-        control_period: float = 0.02,
-        tolerance: Tolerance = "default",
-        randomise: Mapping[str, tuple[float, float]] | None = None,
-        start_scale: float = 1.0,
         render_mode: str | None = None,
-        max_force: float | None = None,
-        anchor_travel: float | None = None,
-        actuated_axes: str | None = None,
-        equilibrium: str | None = None,
+        **arguments: Unpack[Arguments],
     ) -> None:
-        self.scenario = Scenario.of(
-            task_named(task),
-            parameters=parameters,
-            control_period=control_period,
-            tolerance=tolerance,
-            randomise=randomise,
-            start_scale=start_scale,
-            max_force=max_force,
-            anchor_travel=anchor_travel,
-            actuated_axes=actuated_axes,
-            equilibrium=equilibrium,
-        )
+        self.scenario = Scenario.of(task_named(task), **arguments)
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             allowed = ", ".join(map(repr, self.metadata["render_modes"]))
             raise ValueError(f"render_mode = {render_mode!r}: must be None, {allowed}")
         self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": round(1.0 / control_period)}
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.scenario.control_period))}
         self.observation_space = spaces.Box(-np.inf, np.inf, (self.scenario.state_size,), np.float64)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.scenario.actuated_axes),), np.float32)
 

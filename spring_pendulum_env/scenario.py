@@ -9,7 +9,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +83,20 @@ def _ranges(value: Any) -> dict[str, tuple[float, float]]:
     return ranges
 
 
+class Arguments(TypedDict, total=False):
+    """The arguments of `gym.make` that a scenario is made of; the manual of `SpringPendulumEnv` describes them."""
+
+    parameters: Parameters | Mapping[str, float] | None
+    control_period: float
+    tolerance: Tolerance
+    randomise: Mapping[str, tuple[float, float]] | None
+    start_scale: float
+    max_force: float | None
+    anchor_travel: float | None
+    actuated_axes: str | None
+    equilibrium: str | None
+
+
 @dataclasses.dataclass(frozen=True)
 class Scenario:
     """A task and its arguments, all valid. Build it with `Scenario.of`."""
@@ -99,25 +113,21 @@ class Scenario:
     equilibrium: str
 
     @classmethod
-    def of(
-        cls,
-        task: Task,
-        *,
-        parameters: Parameters | Mapping[str, float] | None = None,
-        control_period: float = 0.02,
-        tolerance: Tolerance = "default",
-        randomise: Mapping[str, tuple[float, float]] | None = None,
-        start_scale: float = 1.0,
-        max_force: float | None = None,
-        anchor_travel: float | None = None,
-        actuated_axes: str | None = None,
-        equilibrium: str | None = None,
-    ) -> Scenario:
+    def of(cls, task: Task, **arguments: Unpack[Arguments]) -> Scenario:
         """A scenario from the arguments of `gym.make`, None standing for the task's default.
 
         Raises:
             ValueError: an argument is wrong, or doesn't apply to the task.
+            TypeError: there is no argument of that name.
         """
+        for name in arguments:
+            if name not in Arguments.__annotations__:
+                allowed = ", ".join(Arguments.__annotations__)
+                raise TypeError(f"unknown argument {name!r}: must be one of {allowed}")
+        max_force = arguments.get("max_force")
+        anchor_travel = arguments.get("anchor_travel")
+        actuated_axes = arguments.get("actuated_axes")
+        equilibrium = arguments.get("equilibrium")
         if not task.actuated:
             actuation = {"max_force": max_force, "anchor_travel": anchor_travel, "actuated_axes": actuated_axes}
             for name, value in actuation.items():
@@ -132,11 +142,11 @@ class Scenario:
             raise ValueError(f"equilibrium = {equilibrium!r}: the task {task.name!r} takes no such argument")
         scenario = cls(
             task=task,
-            parameters=Parameters.of(parameters),
-            control_period=positive_number("control_period", control_period),
-            tolerance=_tolerance(tolerance, task),
-            randomise=_ranges(randomise),
-            start_scale=positive_number("start_scale", start_scale, zero=True),
+            parameters=Parameters.of(arguments.get("parameters")),
+            control_period=positive_number("control_period", arguments.get("control_period", 0.02)),
+            tolerance=_tolerance(arguments.get("tolerance", "default"), task),
+            randomise=_ranges(arguments.get("randomise")),
+            start_scale=positive_number("start_scale", arguments.get("start_scale", 1.0), zero=True),
             max_force=max_force,
             anchor_travel=anchor_travel,
             actuated_axes=actuated_axes,

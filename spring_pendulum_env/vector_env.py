@@ -5,7 +5,7 @@ from __future__ import annotations
 import concurrent.futures
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import gymnasium as gym
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spring_pendulum_env import kernels, layout
 from spring_pendulum_env.env import failure
 from spring_pendulum_env.physics import Parameters
-from spring_pendulum_env.scenario import Scenario, Tolerance
+from spring_pendulum_env.scenario import Arguments, Scenario
 from spring_pendulum_env.tasks import REWARD_TERMS, task_named
 
 FloatArray = NDArray[np.float64]
@@ -74,31 +74,12 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         threads: int = 1,
         render_rows: Sequence[int] | None = None,
         render_mode: str | None = None,
-        parameters: Parameters | Mapping[str, float] | None = None,
-        control_period: float = 0.02,
-        tolerance: Tolerance = "default",
-        randomise: Mapping[str, tuple[float, float]] | None = None,
-        start_scale: float = 1.0,
-        max_force: float | None = None,
-        anchor_travel: float | None = None,
-        actuated_axes: str | None = None,
-        equilibrium: str | None = None,
+        **arguments: Unpack[Arguments],
     ) -> None:
         # These first, since `close` is called even of an environment whose arguments were refused.
         self._renderers: dict[int, Any] = {}
         self._pool: concurrent.futures.ThreadPoolExecutor | None = None
-        self.scenario = Scenario.of(
-            task_named(task),
-            parameters=parameters,
-            control_period=control_period,
-            tolerance=tolerance,
-            randomise=randomise,
-            start_scale=start_scale,
-            max_force=max_force,
-            anchor_travel=anchor_travel,
-            actuated_axes=actuated_axes,
-            equilibrium=equilibrium,
-        )
+        self.scenario = Scenario.of(task_named(task), **arguments)
         self.num_envs = _positive_integer("num_envs", num_envs)
         self.threads = _positive_integer("threads", threads)
         self.max_episode_steps: float = np.inf
@@ -114,7 +95,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
                 raise ValueError(f"render_rows = {render_rows!r}: {row!r} must be in 0 to {num_envs - 1}")
         self.metadata = {
             **self.metadata,
-            "render_fps": round(1.0 / control_period),
+            "render_fps": max(1, round(1.0 / self.scenario.control_period)),
             "autoreset_mode": self.autoreset_mode,
         }
         self.single_observation_space = spaces.Box(-np.inf, np.inf, (self.scenario.state_size,), np.float64)
