@@ -139,25 +139,24 @@ for _function in (
 
 
 @_compiled
-def _apply_actions(rows, first, end, max_force):
+def _apply_actions(rows, block, first, count, max_force):
     """Force from the clipped action; a STATUS for an action that isn't finite."""
-    width = rows.shape[2]
-    for index in range(first, end):
-        block, column = divmod(index, width)
-        finite = True
-        for i in range(3):
-            action = rows[block, ACTION + i, column]
-            finite &= math.isfinite(action)
+    for j in range(first, first + count):
+        rows[block, STATUS, j] = FINE
+    for i in range(3):
+        for j in range(first, first + count):
+            action = rows[block, ACTION + i, j]
+            if not math.isfinite(action):
+                rows[block, STATUS, j] = BAD_ACTION
             force = max_force * min(max(action, -1.0), 1.0)
-            rows[block, FORCE + i, column] = force if rows[block, FRESH, column] == 0.0 else 0.0
-        rows[block, STATUS, column] = FINE if finite else BAD_ACTION
+            rows[block, FORCE + i, j] = force if rows[block, FRESH, j] == 0.0 else 0.0
 
 
 @_compiled
-def _splitting(rows, origin, count, refinement):
-    """One control period by the symplectic splitting, from STATE to NEXT, of the `count` pendulums at `origin`.
+def _splitting(rows, work, done, count, refinement):
+    """One control period by the symplectic splitting, from STATE to NEXT, of `count` of the pendulums in `work`.
 
-    All of them need as many steps; they are taken `refinement` times finer.
+    Those from number `done` on; all of them need as many steps, which are taken `refinement` times finer.
     """
     # One buffer for all that the loops touch: between its fields the compiler knows the distance, so it vectorises.
     b = np.empty((HEIGHTS + 2, WIDTH))
@@ -165,15 +164,15 @@ def _splitting(rows, origin, count, refinement):
     guarded = HEIGHTS + 1
     dragged = False
     width = rows.shape[2]
-    block, first = divmod(origin[0], width)
-    together = origin[count - 1] - origin[0] == count - 1 and first + count <= width
+    block, first = divmod(work[done], width)
+    together = work[done + count - 1] - work[done] == count - 1 and first + count <= width
     if together:  # neighbours in a block are copied many at a time
         for i in range(HEIGHTS):
             for j in range(count):
                 b[i, j] = rows[block, i, first + j]
     else:
         for j in range(count):
-            from_block, column = divmod(origin[j], width)
+            from_block, column = divmod(work[done + j], width)
             for i in range(HEIGHTS):
                 b[i, j] = rows[from_block, i, column]
     steps = int(rows[block, STEPS, first]) * refinement
@@ -205,24 +204,33 @@ def _splitting(rows, origin, count, refinement):
                     b[PHYSICS + 5, j], b[PHYSICS + 6, j], b[PHYSICS + 7, j], b[PHYSICS + 8, j],
                     b[PHYSICS + 9, j], b[PHYSICS + 10, j],
                 )  # fmt: skip
-                b[9, j] += kick * a[0]
-                b[10, j] += kick * a[1]
-                b[11, j] += kick * a[2]
-                b[12, j] += kick * a[3]
-                b[13, j] += kick * a[4]
-                b[14, j] += kick * a[5]
-                b[15, j] += kick * a[6]
-                b[16, j] += kick * a[7]
-                b[17, j] += kick * a[8]
-                b[0, j] += drift * b[9, j]
-                b[1, j] += drift * b[10, j]
-                b[2, j] += drift * b[11, j]
-                b[3, j] += drift * b[12, j]
-                b[4, j] += drift * b[13, j]
-                b[5, j] += drift * b[14, j]
-                b[6, j] += drift * b[15, j]
-                b[7, j] += drift * b[16, j]
-                b[8, j] += drift * b[17, j]
+                v0 = b[9, j] + kick * a[0]
+                v1 = b[10, j] + kick * a[1]
+                v2 = b[11, j] + kick * a[2]
+                v3 = b[12, j] + kick * a[3]
+                v4 = b[13, j] + kick * a[4]
+                v5 = b[14, j] + kick * a[5]
+                v6 = b[15, j] + kick * a[6]
+                v7 = b[16, j] + kick * a[7]
+                v8 = b[17, j] + kick * a[8]
+                b[9, j] = v0
+                b[0, j] += drift * v0
+                b[10, j] = v1
+                b[1, j] += drift * v1
+                b[11, j] = v2
+                b[2, j] += drift * v2
+                b[12, j] = v3
+                b[3, j] += drift * v3
+                b[13, j] = v4
+                b[4, j] += drift * v4
+                b[14, j] = v5
+                b[5, j] += drift * v5
+                b[15, j] = v6
+                b[6, j] += drift * v6
+                b[16, j] = v7
+                b[7, j] += drift * v7
+                b[17, j] = v8
+                b[8, j] += drift * v8
             if dragged:
                 for i in range(9):
                     body = 3 * s + i // 3
@@ -241,7 +249,7 @@ def _splitting(rows, origin, count, refinement):
                 rows[block, LOST + i, first + j] = b[lost + i, j]
     else:
         for j in range(count):
-            to_block, column = divmod(origin[j], width)
+            to_block, column = divmod(work[done + j], width)
             for i in range(18):
                 rows[to_block, NEXT + i, column] = b[i, j]
             for i in range(2):
@@ -368,22 +376,30 @@ def _arrive(rows, block, first, count):
 
     Pendulums that were just placed, or whose STATUS isn't FINE, stay as they are.
     """
-    for j in range(first, first + count):
-        total = 0.0
-        for i in range(18):
-            total += rows[block, NEXT + i, j]
-        fresh = rows[block, FRESH, j] != 0.0
-        rows[block, FRESH, j] = 0.0
-        if not fresh and rows[block, STATUS, j] == FINE and not math.isfinite(total):
-            rows[block, STATUS, j] = NOT_FINITE
-        if not fresh and rows[block, STATUS, j] == FINE:
-            for i in range(3):
-                moved = rows[block, NEXT + i, j] - rows[block, STATE + i, j]
-                rows[block, WORK, j] += rows[block, FORCE + i, j] * moved
-            for i in range(18):
-                rows[block, STATE + i, j] = rows[block, NEXT + i, j]
-            rows[block, DISSIPATED, j] += rows[block, LOST, j]
-            rows[block, CLOCK, j] += 1.0
+    total = np.zeros(WIDTH)
+    moved = np.zeros(WIDTH)
+    for i in range(18):
+        for j in range(count):
+            total[j] += rows[block, NEXT + i, first + j]
+    for j in range(count):
+        fresh = rows[block, FRESH, first + j] != 0.0
+        rows[block, FRESH, first + j] = 0.0
+        if not fresh and rows[block, STATUS, first + j] == FINE and not math.isfinite(total[j]):
+            rows[block, STATUS, first + j] = NOT_FINITE
+        moved[j] = 1.0 if not fresh and rows[block, STATUS, first + j] == FINE else 0.0
+    for i in range(3):
+        for j in range(count):
+            if moved[j] != 0.0:
+                change = rows[block, NEXT + i, first + j] - rows[block, STATE + i, first + j]
+                rows[block, WORK, first + j] += rows[block, FORCE + i, first + j] * change
+    for i in range(18):
+        for j in range(count):
+            if moved[j] != 0.0:
+                rows[block, STATE + i, first + j] = rows[block, NEXT + i, first + j]
+    for j in range(count):
+        if moved[j] != 0.0:
+            rows[block, DISSIPATED, first + j] += rows[block, LOST, first + j]
+            rows[block, CLOCK, first + j] += 1.0
 
 
 @_compiled
@@ -458,42 +474,48 @@ def _advance(rows, first, count, settings):
     width = rows.shape[2]
     tolerance = settings[TOLERANCE]
     end = first + count
-    _apply_actions(rows, first, end, settings[MAX_FORCE])
+    blocks = range(first // width, (end - 1) // width + 1)
+    for block in blocks:
+        low = max(first - block * width, 0)
+        high = min(end - block * width, width)
+        _apply_actions(rows, block, low, high - low, settings[MAX_FORCE])
     if tolerance == 0.0:
         # As they are; then those again, finer, of which a spring came too close to zero length.
-        origin = np.empty(WIDTH, dtype=np.int64)
+        work = np.empty(count, dtype=np.int64)
+        steps = np.empty(count)
         for refinement in (1, REFINEMENT):
-            gathered = np.int64(0)  # of a plain 0 numba would compile what it is handed to a second time
-            for index in range(first, end + 1):
-                block, column = divmod(index, width)
-                wanted = index < end and (refinement == 1 or rows[block, GUARDED, column] != 0.0)
-                if gathered > 0 and (
-                    index == end
-                    or gathered == WIDTH
-                    or (refinement == 1 and column == 0)
-                    or (wanted and rows[block, STEPS, column] != rows[origin[0] // width, STEPS, origin[0] % width])
-                ):
-                    _splitting(rows, origin, gathered, refinement)
-                    gathered = np.int64(0)
-                if wanted:
-                    origin[gathered] = index
-                    gathered += 1
-    for index in range(first, end):
-        block, column = divmod(index, width)
-        wanted = tolerance != 0.0 or rows[block, GUARDED, column] != 0.0
-        if wanted and rows[block, STATUS, column] == FINE and rows[block, FRESH, column] == 0.0:
-            _adaptive(rows, block, column, settings[PERIOD], GUARD_TOLERANCE if tolerance == 0.0 else tolerance)
+            wanted = 0
+            for block in blocks:
+                for column in range(max(first - block * width, 0), min(end - block * width, width)):
+                    if refinement == 1 or rows[block, GUARDED, column] != 0.0:
+                        work[wanted] = block * width + column
+                        steps[wanted] = rows[block, STEPS, column]
+                        wanted += 1
+            done = np.int64(0)  # of a plain 0 numba would compile what it is handed to a second time
+            while done < wanted:
+                room = width - work[done] % width if refinement == 1 else WIDTH  # neighbours of a block are copied fast
+                size = done - done + 1
+                while size < room and done + size < wanted and steps[done + size] == steps[done]:
+                    size += 1
+                _splitting(rows, work, done, size, refinement)
+                done += size
     worst = FINE
-    index = first
-    while index < end:
-        block, column = divmod(index, width)
-        run = min(width - column, end - index)
-        _arrive(rows, block, column, run)
-        _report(rows, block, column, run, settings)
-        for j in range(column, column + run):
+    for block in blocks:
+        low = max(first - block * width, 0)
+        high = min(end - block * width, width)
+        for j in range(low, high):
+            wrong = tolerance != 0.0 or rows[block, GUARDED, j] != 0.0
+            if wrong and rows[block, STATUS, j] == FINE and rows[block, FRESH, j] == 0.0:
+                _adaptive(rows, block, j, settings[PERIOD], GUARD_TOLERANCE if tolerance == 0.0 else tolerance)
+        _arrive(rows, block, low, high - low)
+        _report(rows, block, low, high - low, settings)
+        for j in range(low, high):
             worst = max(worst, int(rows[block, STATUS, j]))
-        index += run
     return worst
+
+
+# Its body goes into `_step_batch` instead of being called, which would compile all that it calls once more.
+_advance_here = numba.njit(error_model="numpy", nogil=True, inline="always")(_advance)
 
 
 @_compiled
@@ -524,10 +546,6 @@ def _collect(rows, first, count, observations, outcomes, forces, ended):
             for j in range(run):
                 outcomes[i, index + j] = rows[block, CLOCK + i, column + j]
         index += run
-
-
-# Its body goes into `_step_batch` instead of being called, which would compile all that it calls once more.
-_advance_here = numba.njit(error_model="numpy", nogil=True, inline="always")(_advance)
 
 
 def _step_batch(rows, first, count, settings, actions, observations, outcomes, forces, ended):
