@@ -194,14 +194,17 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
 
         Raises:
             ValueError: an unknown option, or a wrong state or parameter.
+            FloatingPointError: the energy at the start is beyond the range of floating-point numbers.
         """
         super().reset(seed=seed)
         parameters, state = self.scenario.draw(self.np_random, options)
         layout.fill(self._rows, 0, layout.template(self.scenario, parameters), state)
-        kernels.advance(self._rows, 0, 1, self._settings)
+        status = kernels.advance(self._rows, 0, 1, self._settings)
         self._parameters = parameters
         self._constants = parameters.as_dict()
         self._started = True
+        if status != layout.FINE:
+            self._refuse(status, None)
         if self._renderer is not None:
             self._renderer.forget()
         if self.render_mode == "human":

@@ -491,10 +491,11 @@ def _advance(rows, first, count, settings):
                         work[wanted] = block * width + column
                         steps[wanted] = rows[block, STEPS, column]
                         wanted += 1
-            done = np.int64(0)  # of a plain 0 numba would compile what it is handed to a second time
+            # Of a plain 0 or 1 numba would compile what is handed it a second time.
+            done = np.int64(0)
             while done < wanted:
                 room = width - work[done] % width if refinement == 1 else WIDTH  # neighbours of a block are copied fast
-                size = done - done + 1
+                size = np.int64(1)
                 while size < room and done + size < wanted and steps[done + size] == steps[done]:
                     size += 1
                 _splitting(rows, work, done, size, refinement)

@@ -417,10 +417,19 @@ def test_step_before_reset_is_refused(name: str) -> None:
         env.step(np.zeros(env.action_space.shape))  # type: ignore[arg-type]
 
 
-def test_motion_that_overflows_is_an_error() -> None:
-    env = gym.make(PASSIVE, tolerance=None)
-    env.reset(options={"state": np.r_[np.ones(6), np.full(6, 1e200)]})
-    with pytest.raises(FloatingPointError, match="range"):
+def test_start_that_overflows_is_an_error() -> None:
+    state = np.r_[np.ones(6), np.full(6, 1e200)]
+    for env in (gym.make(PASSIVE), gym.make_vec(PASSIVE, num_envs=2)):
+        with pytest.raises(FloatingPointError, match="range"):
+            env.reset(options={"state": state})
+        env.reset(seed=0)
+
+
+@pytest.mark.parametrize(("tolerance", "said"), [(None, "range"), (1e-13, "1000000 steps")])
+def test_motion_that_overflows_is_an_error(tolerance: float | None, said: str) -> None:
+    env = gym.make(PASSIVE, tolerance=tolerance, parameters={"k1": 0.0, "k2": 0.0, "g": 1e300})
+    env.reset(options={"state": np.r_[np.ones(6), np.zeros(6)]})
+    with pytest.raises(FloatingPointError, match=said):
         env.step(None)
 
 
