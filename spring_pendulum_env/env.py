@@ -10,7 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from spring_pendulum_env import integrators, kernels, layout
-from spring_pendulum_env.physics import Parameters
+from spring_pendulum_env.physics import AXES, Parameters
 from spring_pendulum_env.scenario import Arguments, Scenario
 from spring_pendulum_env.tasks import REWARD_TERMS, task_named
 
@@ -139,36 +139,38 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
 
         self._parameters = self.scenario.parameters
         self._constants: dict[str, float] = self._parameters.as_dict()
-        self._settings = layout.settings_of(self.scenario)
-        self._rows = np.zeros((1, layout.FIELDS, 1))
+        self._cell = np.zeros(layout.CELL)
+        self._cell[layout.REPORTED :] = layout.settings_of(self.scenario)
+        self._action_shape = self.action_space.shape
+        # Which number of an action belongs to x, y and z (-1: none), unless they simply follow each other.
+        places = tuple(self.scenario.actuated_axes.find(axis) for axis in AXES)
+        self._places = None if places == (0, 1, 2) else places
         self._terms = [
-            (f"reward_{term}", layout.TERMS + REWARD_TERMS.index(term) - layout.WORK)
+            (f"reward_{term}", layout.TERMS + REWARD_TERMS.index(term) - layout.FIELDS)
             for term in self.scenario.task.terms
         ]
         self._renderer: Any = None
         self._started = False
-        self._look_into_rows()
+        self._look_into_cell()
 
-    def _look_into_rows(self) -> None:
-        """Sets the views into `_rows` through which this environment sees its pendulum."""
-        row = self._rows[0, :, 0]
-        self._full_state = row[layout.STATE : layout.STATE + 18]
+    def _look_into_cell(self) -> None:
+        """Sets the views into `_cell` through which this environment sees its pendulum."""
+        self._full_state = self._cell[layout.STATE : layout.STATE + 18]
         # A copy of what the observation shows: of all, or of the numbers of the two masses.
         self._observe = self._full_state.copy
         if not self.scenario.task.actuated:
             self._observe = self._full_state.reshape(2, 9)[:, 3:].flatten
-        self._action = row[layout.action_slice(self.scenario.actuated_axes)]
-        self._force = row[layout.FORCE : layout.FORCE + 3]
-        self._outcome = row[layout.WORK : layout.STATUS]
+        self._force = self._cell[layout.FORCE : layout.FORCE + 3]
+        self._outcome = self._cell[layout.FIELDS : layout.REPORTED]
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the window and the views, which would be copied apart from what they show."""
-        views = ("_full_state", "_observe", "_action", "_force", "_outcome")
+        views = ("_full_state", "_observe", "_force", "_outcome")
         return {name: value for name, value in self.__dict__.items() if name not in views} | {"_renderer": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._look_into_rows()
+        self._look_into_cell()
 
     @property
     def parameters(self) -> Parameters:
@@ -198,8 +200,9 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         """
         super().reset(seed=seed)
         parameters, state = self.scenario.draw(self.np_random, options)
-        layout.fill(self._rows, 0, layout.template(self.scenario, parameters), state)
-        status = kernels.advance(self._rows, 0, 1, self._settings)
+        self._cell[: layout.FIELDS] = layout.template(self.scenario, parameters)
+        self._full_state[:] = state
+        status = kernels.advance(self._cell, 0.0, 0.0, 0.0)
         self._parameters = parameters
         self._constants = parameters.as_dict()
         self._started = True
@@ -229,11 +232,14 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         """
         if not self._started:
             raise gym.error.ResetNeeded("step called before reset: call reset first")
-        if type(action) is np.ndarray and action.shape == self._action.shape:
-            self._action[:] = action
+        # The usual kinds of action straight to the compiled step, which takes floats; others by way of a check.
+        if type(action) is np.ndarray and action.shape == self._action_shape and action.dtype.char in "fd":
+            numbers = action.tolist()
         else:
-            self._set_action(action)
-        status = kernels.advance(self._rows, 0, 1, self._settings)
+            numbers = self._checked_action(action)
+        if self._places is not None:
+            numbers = [numbers[place] if place >= 0 else 0.0 for place in self._places]
+        status = kernels.advance(self._cell, *numbers)
         if status != layout.FINE:
             self._refuse(status, action)
         if self.render_mode == "human":
@@ -262,17 +268,18 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             self._renderer.close()
             self._renderer = None
 
-    def _set_action(self, action: Any) -> None:
-        """Puts the action where the compiled step looks for it, if its shape and type are right."""
+    def _checked_action(self, action: Any) -> list[float]:
+        """The action as floats, if its shape and type are right."""
         if action is None and not self.scenario.task.actuated:
-            return
+            return []
         try:
             numbers = np.asarray(action)
-            if numbers.shape != self._action.shape:
-                raise ValueError(f"action of shape {numbers.shape}: must have shape {self._action.shape}")
-            self._action[:] = numbers
-        except TypeError:
-            raise ValueError(f"action = {action!r}: must be {self._action.size} numbers") from None
+            if numbers.shape == self._action_shape:
+                floats: list[float] = numbers.astype(np.float64, casting="same_kind").tolist()
+                return floats
+        except (TypeError, ValueError):
+            raise ValueError(f"action = {action!r}: must be {self._action_shape[0]} numbers") from None
+        raise ValueError(f"action of shape {numbers.shape}: must have shape {self._action_shape}")
 
     def _refuse(self, status: int, action: Any) -> None:
         if status == layout.BAD_ACTION:
@@ -285,8 +292,8 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             "energy": outcome[_ENERGY],
             "excess_energy": outcome[_EXCESS],
             "energy_error": outcome[_ERROR],
-            "work": outcome[0],
-            "dissipated": outcome[1],
+            "work": outcome[_WORK],
+            "dissipated": outcome[_DISSIPATED],
             "parameters": self._constants.copy(),
         }
         if self.scenario.task.actuated:
@@ -296,7 +303,20 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         return info
 
 
-_TIME, _ENERGY, _EXCESS, _ERROR, _REWARD, _ENDED = range(2, 8)
+# Where the numbers stand among the outcomes of a step.
+_TIME, _ENERGY, _EXCESS, _ERROR, _WORK, _DISSIPATED, _REWARD, _ENDED = (
+    place - layout.FIELDS
+    for place in (
+        layout.TIME,
+        layout.ENERGY,
+        layout.EXCESS,
+        layout.ERROR,
+        layout.WORK_DONE,
+        layout.LOST_TO_DRAG,
+        layout.REWARD,
+        layout.ENDED,
+    )
+)
 
 
 def failure(status: int) -> str:

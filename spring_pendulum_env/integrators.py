@@ -27,8 +27,11 @@ LARGEST_APPROACH = 0.3
 """Where a spring's length could change by more than this fraction in a step, at its start or its end, the step isn't to
 be trusted: near zero length the force turns too fast."""
 
-REFINEMENT = 8
-"""Such a step is done again by so many smaller ones; where these can't be trusted either, by the adaptive scheme."""
+REFINEMENT = 4
+"""Such a step is done again by so many smaller ones, and where these can't be trusted either, each of them again ..."""
+
+FINEST = 16
+"""... up to so many; then by the adaptive scheme."""
 
 ERROR_MARGIN = 0.1
 """The adaptive scheme holds its estimated error in each step to this share of the tolerance, since errors add up over a

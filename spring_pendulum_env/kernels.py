@@ -1,8 +1,9 @@
 """The compiled step, for one pendulum and for many. It holds no formula of its own.
 
-Pendulums stand in `rows` as layout.py says. The loops over pendulums are innermost and run on local buffers of constant
-shape, so that root and division vectorise; without any fastmath flag the arithmetic is IEEE's in either case, so that
-a pendulum gets the same bits alone and among others.
+Both run the same functions on a local buffer of constant shape with the pendulums side by side, one or WIDTH of them:
+the loops over pendulums are innermost, and root and division vectorise (where there is one pendulum, the loops
+vanish). Without any fastmath flag the arithmetic is IEEE's in either case, so that a pendulum gets the same bits alone
+and among others. Places that nobody uses are filled with another pendulum, so that no loop has a remainder.
 """
 
 from __future__ import annotations
@@ -18,11 +19,13 @@ from pathlib import Path
 import numba
 import numpy as np
 from numba.extending import register_jitable
+from numba.misc.special import literally
 
 from spring_pendulum_env import integrators, layout, physics, tasks
 from spring_pendulum_env.integrators import (
     DRIFTS,
     ERROR_MARGIN,
+    FINEST,
     GUARD_TOLERANCE,
     KICKS,
     LONGEST_STEP,
@@ -34,7 +37,6 @@ from spring_pendulum_env.integrators import (
     RK_STAGES,
 )
 from spring_pendulum_env.layout import (
-    ACTION,
     AXIS_COUNT,
     AXIS_SLOTS,
     BAD_ACTION,
@@ -44,30 +46,29 @@ from spring_pendulum_env.layout import (
     DEVIATION,
     DISSIPATED,
     DRAG,
+    ELAPSED,
     ENDED,
     ENERGY,
     ENERGY_SCALE,
     ERROR,
     EXCESS,
+    FIELDS,
     FINE,
     FORCE,
     FRESH,
-    GUARDED,
     HEIGHTS,
-    LOST,
+    LOST_TO_DRAG,
     MASSES,
     MAX_FORCE,
-    NEXT,
     NOT_FINITE,
     PERIOD,
     PHYSICS,
     POSTURE_SCALE,
+    REPORTED,
     REST_ENERGY,
     REWARD,
     START_ENERGY,
-    STATE,
     STATUS,
-    STEP,
     STEPS,
     TERMS,
     TIME,
@@ -78,9 +79,18 @@ from spring_pendulum_env.layout import (
     WEIGHTS,
     WIDTH,
     WORK,
+    WORK_DONE,
 )
 
 STAGES = len(KICKS)
+
+# What a buffer holds after the fields and the reports.
+SPRINGS = REPORTED  # 6: forces of both springs, N
+BEFORE = SPRINGS + 6  # 3: where the anchor was before the step
+GUARDED = BEFORE + 3  # 1 where a spring came too close to zero length for the splitting
+LOST = GUARDED + 1  # what drag took in this step, J
+MOVED = LOST + 1  # 1 where the step counts
+BUFFER = MOVED + 1
 
 
 def _source_hash() -> str:
@@ -117,13 +127,24 @@ def _cache_folder() -> Iterator[bool]:
 
 
 def _compiled(function):
-    """What `advance` calls; compiled with it and cached with it."""
+    """Compiled by itself, with the entries that call it, and cached with them."""
     return numba.njit(error_model="numpy", nogil=True)(function)
+
+
+def _compiled_for_width(function):
+    """As `_compiled`, and once more for each width of the buffer, the function's second argument.
+
+    The function begins with `literally(width)` and a test of the buffer's width that never fails: these tell the
+    compiler the distances between the buffer's fields, without which it would not vectorise. Written into one big
+    function instead, the parts would take it six times as long.
+    """
+    return _compiled(function)
 
 
 for _function in (
     physics.length,
     physics.spring_force,
+    physics.accelerations_under,
     physics.accelerations,
     physics.derivatives,
     physics.weighted_squares,
@@ -138,140 +159,135 @@ for _function in (
     register_jitable(error_model="numpy")(_function)
 
 
-@_compiled
-def _apply_actions(rows, block, first, count, max_force):
-    """Force from the clipped action; a STATUS for an action that isn't finite."""
-    for j in range(first, first + count):
-        rows[block, STATUS, j] = FINE
-    for i in range(3):
-        for j in range(first, first + count):
-            action = rows[block, ACTION + i, j]
-            if not math.isfinite(action):
-                rows[block, STATUS, j] = BAD_ACTION
-            force = max_force * min(max(action, -1.0), 1.0)
-            rows[block, FORCE + i, j] = force if rows[block, FRESH, j] == 0.0 else 0.0
+@_compiled_for_width
+def _stretch(b, width):
+    """Forces of the springs, from the positions."""
+    literally(width)
+    if b.shape[1] != width:
+        return
+    for j in range(width):
+        force1 = physics.spring_force(
+            b[3, j] - b[0, j], b[4, j] - b[1, j], b[5, j] - b[2, j], b[PHYSICS + 5, j], b[PHYSICS + 7, j]
+        )
+        force2 = physics.spring_force(
+            b[6, j] - b[3, j], b[7, j] - b[4, j], b[8, j] - b[5, j], b[PHYSICS + 6, j], b[PHYSICS + 8, j]
+        )
+        b[SPRINGS, j] = force1[0]
+        b[SPRINGS + 1, j] = force1[1]
+        b[SPRINGS + 2, j] = force1[2]
+        b[SPRINGS + 3, j] = force2[0]
+        b[SPRINGS + 4, j] = force2[1]
+        b[SPRINGS + 5, j] = force2[2]
 
 
-@_compiled
-def _splitting(rows, work, done, count, refinement):
-    """One control period by the symplectic splitting, from STATE to NEXT, of `count` of the pendulums in `work`.
-
-    Those from number `done` on; all of them need as many steps, which are taken `refinement` times finer.
-    """
-    # One buffer for all that the loops touch: between its fields the compiler knows the distance, so it vectorises.
-    b = np.empty((HEIGHTS + 2, WIDTH))
-    lost = HEIGHTS
-    guarded = HEIGHTS + 1
-    dragged = False
-    width = rows.shape[2]
-    block, first = divmod(work[done], width)
-    together = work[done + count - 1] - work[done] == count - 1 and first + count <= width
-    if together:  # neighbours in a block are copied many at a time
-        for i in range(HEIGHTS):
-            for j in range(count):
-                b[i, j] = rows[block, i, first + j]
-    else:
-        for j in range(count):
-            from_block, column = divmod(work[done + j], width)
-            for i in range(HEIGHTS):
-                b[i, j] = rows[from_block, i, column]
-    steps = int(rows[block, STEPS, first]) * refinement
-    for j in range(count):
-        b[STEP, j] /= refinement
-        b[lost, j] = 0.0
-        b[guarded, j] = 0.0
-        dragged |= b[DRAG, j] + b[DRAG + 1, j] + b[DRAG + 2, j] != 0.0
-    _guard(b, count)
-    # In each drift drag takes a share of each body's velocity, and the body falls short of where it would have come.
-    share = np.empty((3 * STAGES if dragged else 0, WIDTH))
-    short = np.empty((3 * STAGES if dragged else 0, WIDTH))  # per velocity, s
-    if dragged:
-        for s in range(3 * STAGES):
-            for j in range(count):
-                rate = b[DRAG + s % 3, j]
-                drift = DRIFTS[s // 3] * b[STEP, j]
-                share[s, j] = -math.expm1(-rate * drift)
-                short[s, j] = drift - share[s, j] / rate if rate != 0.0 else 0.0
-    for _ in range(steps):
-        for s in range(STAGES):
-            for j in range(count):
-                kick = KICKS[s] * b[STEP, j]
-                drift = DRIFTS[s] * b[STEP, j]
-                a = physics.accelerations(
-                    b[0, j], b[1, j], b[2, j], b[3, j], b[4, j], b[5, j], b[6, j], b[7, j], b[8, j],
-                    b[FORCE, j], b[FORCE + 1, j], b[FORCE + 2, j],
-                    b[PHYSICS, j], b[PHYSICS + 1, j], b[PHYSICS + 2, j], b[PHYSICS + 3, j], b[PHYSICS + 4, j],
-                    b[PHYSICS + 5, j], b[PHYSICS + 6, j], b[PHYSICS + 7, j], b[PHYSICS + 8, j],
-                    b[PHYSICS + 9, j], b[PHYSICS + 10, j],
-                )  # fmt: skip
-                v0 = b[9, j] + kick * a[0]
-                v1 = b[10, j] + kick * a[1]
-                v2 = b[11, j] + kick * a[2]
-                v3 = b[12, j] + kick * a[3]
-                v4 = b[13, j] + kick * a[4]
-                v5 = b[14, j] + kick * a[5]
-                v6 = b[15, j] + kick * a[6]
-                v7 = b[16, j] + kick * a[7]
-                v8 = b[17, j] + kick * a[8]
-                b[9, j] = v0
-                b[0, j] += drift * v0
-                b[10, j] = v1
-                b[1, j] += drift * v1
-                b[11, j] = v2
-                b[2, j] += drift * v2
-                b[12, j] = v3
-                b[3, j] += drift * v3
-                b[13, j] = v4
-                b[4, j] += drift * v4
-                b[14, j] = v5
-                b[5, j] += drift * v5
-                b[15, j] = v6
-                b[6, j] += drift * v6
-                b[16, j] = v7
-                b[7, j] += drift * v7
-                b[17, j] = v8
-                b[8, j] += drift * v8
-            if dragged:
-                for i in range(9):
-                    body = 3 * s + i // 3
-                    for j in range(count):
-                        v = b[9 + i, j]
-                        b[i, j] -= short[body, j] * v
-                        b[9 + i, j] = v - share[body, j] * v
-                        b[lost, j] += 0.5 * b[MASSES + i // 3, j] * v * v * share[body, j] * (2.0 - share[body, j])
-        _guard(b, count)
-    if together:
-        for i in range(18):
-            for j in range(count):
-                rows[block, NEXT + i, first + j] = b[i, j]
-        for i in range(2):
-            for j in range(count):
-                rows[block, LOST + i, first + j] = b[lost + i, j]
-    else:
-        for j in range(count):
-            to_block, column = divmod(work[done + j], width)
-            for i in range(18):
-                rows[to_block, NEXT + i, column] = b[i, j]
-            for i in range(2):
-                rows[to_block, LOST + i, column] = b[lost + i, j]
+@_compiled_for_width
+def _kick_and_drift(b, width, kick, drift):
+    """Velocities change by the accelerations for a time `kick`, then positions by the velocities for `drift`, s."""
+    literally(width)
+    if b.shape[1] != width:
+        return
+    for j in range(width):
+        a = physics.accelerations_under(
+            b[SPRINGS, j], b[SPRINGS + 1, j], b[SPRINGS + 2, j],
+            b[SPRINGS + 3, j], b[SPRINGS + 4, j], b[SPRINGS + 5, j],
+            b[FORCE, j], b[FORCE + 1, j], b[FORCE + 2, j],
+            b[PHYSICS, j], b[PHYSICS + 1, j], b[PHYSICS + 2, j], b[PHYSICS + 3, j], b[PHYSICS + 4, j],
+            b[PHYSICS + 9, j], b[PHYSICS + 10, j],
+        )  # fmt: skip
+        v0 = b[9, j] + kick * a[0]
+        v1 = b[10, j] + kick * a[1]
+        v2 = b[11, j] + kick * a[2]
+        v3 = b[12, j] + kick * a[3]
+        v4 = b[13, j] + kick * a[4]
+        v5 = b[14, j] + kick * a[5]
+        v6 = b[15, j] + kick * a[6]
+        v7 = b[16, j] + kick * a[7]
+        v8 = b[17, j] + kick * a[8]
+        b[9, j] = v0
+        b[0, j] += drift * v0
+        b[10, j] = v1
+        b[1, j] += drift * v1
+        b[11, j] = v2
+        b[2, j] += drift * v2
+        b[12, j] = v3
+        b[3, j] += drift * v3
+        b[13, j] = v4
+        b[4, j] += drift * v4
+        b[14, j] = v5
+        b[5, j] += drift * v5
+        b[15, j] = v6
+        b[6, j] += drift * v6
+        b[16, j] = v7
+        b[7, j] += drift * v7
+        b[17, j] = v8
+        b[8, j] += drift * v8
 
 
-@_compiled
-def _guard(b, count):
-    """Marks the pendulums of a buffer of which a spring is too close to zero length for a step of the splitting."""
-    guarded = HEIGHTS + 1
-    for j in range(count):
+@_compiled_for_width
+def _guard(b, width, step):
+    """Marks the pendulums of which a spring is too close to zero length for such a step of the splitting."""
+    literally(width)
+    if b.shape[1] != width:
+        return
+    for j in range(width):
         close1 = integrators.approaches_zero(
             b[3, j] - b[0, j], b[4, j] - b[1, j], b[5, j] - b[2, j],
             b[12, j] - b[9, j], b[13, j] - b[10, j], b[14, j] - b[11, j],
-            b[PHYSICS + 5, j], b[PHYSICS + 7, j], b[STEP, j],
+            b[PHYSICS + 5, j], b[PHYSICS + 7, j], step,
         )  # fmt: skip
         close2 = integrators.approaches_zero(
             b[6, j] - b[3, j], b[7, j] - b[4, j], b[8, j] - b[5, j],
             b[15, j] - b[12, j], b[16, j] - b[13, j], b[17, j] - b[14, j],
-            b[PHYSICS + 6, j], b[PHYSICS + 8, j], b[STEP, j],
+            b[PHYSICS + 6, j], b[PHYSICS + 8, j], step,
         )  # fmt: skip
-        b[guarded, j] = 1.0 if close1 | close2 else b[guarded, j]
+        b[GUARDED, j] = 1.0 if close1 | close2 else b[GUARDED, j]
+
+
+@_compiled_for_width
+def _split(b, width, steps, step):
+    """So many steps of the symplectic splitting, each so long, s."""
+    literally(width)
+    if b.shape[1] != width:
+        return
+    dragged = False
+    for j in range(width):
+        dragged |= b[DRAG, j] + b[DRAG + 1, j] + b[DRAG + 2, j] != 0.0
+    # In each drift drag takes a share of each body's velocity, and the body falls short of where it would have come.
+    # The drifts are symmetric, so half of them say all.
+    half = STAGES // 2
+    share = np.empty((3 * half if dragged else 0, width))
+    short = np.empty((3 * half if dragged else 0, width))  # per velocity, s
+    if dragged:
+        for s in range(half):
+            drift = DRIFTS[s] * step
+            for body in range(3):
+                for j in range(width):
+                    rate = b[DRAG + body, j]
+                    if j > 0 and rate == b[DRAG + body, j - 1]:
+                        share[3 * s + body, j] = share[3 * s + body, j - 1]
+                        short[3 * s + body, j] = short[3 * s + body, j - 1]
+                    else:
+                        taken = -math.expm1(-rate * drift)
+                        share[3 * s + body, j] = taken
+                        short[3 * s + body, j] = drift - taken / rate if rate != 0.0 else 0.0
+    _guard(b, width, step)
+    _stretch(b, width)
+    for _ in range(steps):
+        for s in range(STAGES):
+            _kick_and_drift(b, width, KICKS[s] * step, DRIFTS[s] * step)
+            if s == STAGES - 1:  # the last drift is none, so these forces are those of the next step's first kick
+                break
+            if dragged:
+                mirrored = min(s, STAGES - 2 - s)
+                for i in range(9):
+                    body = 3 * mirrored + i // 3
+                    for j in range(width):
+                        v = b[9 + i, j]
+                        b[i, j] -= short[body, j] * v
+                        b[9 + i, j] = v - share[body, j] * v
+                        b[LOST, j] += 0.5 * b[MASSES + i // 3, j] * v * v * share[body, j] * (2.0 - share[body, j])
+            _stretch(b, width)
+        _guard(b, width, step)
 
 
 @_compiled
@@ -316,23 +332,23 @@ def _step_error(y, new, k, h, allowed):
 
 
 @_compiled
-def _adaptive(rows, block, j, period, tolerance):
-    """One control period by Dormand-Prince 8(5,3), from STATE to NEXT; a STATUS if it takes too many steps.
+def _adaptive(b, j, period, tolerance):
+    """One control period of pendulum j of a buffer by Dormand-Prince 8(5,3); a STATUS if it takes too many steps.
 
     The error norm is the largest component's, each relative to 1 + |y|. Nothing but the state decides the
     steps, so that a state that is set again is continued with the same bits.
     """
-    c = np.empty(HEIGHTS)  # the fields before HEIGHTS
+    c = np.empty(FIELDS)
     y = np.empty(19)  # the state, and what drag dissipates
     new = np.empty(19)
     k = np.empty((13, 19))
-    for i in range(HEIGHTS):
-        c[i] = rows[block, i, j]
+    for i in range(FIELDS):
+        c[i] = b[i, j]
     for i in range(18):
-        y[i] = rows[block, STATE + i, j]
+        y[i] = b[i, j]
     y[18] = 0.0
     time = 0.0
-    step = c[STEP]
+    step = period / c[STEPS]
     smallest = 1e-15 * period
     allowed = ERROR_MARGIN * tolerance
     rejected = False
@@ -365,70 +381,100 @@ def _adaptive(rows, block, j, period, tolerance):
             step = max(h * min(0.9, factor), smallest)
             rejected = True
     for i in range(18):
-        rows[block, NEXT + i, j] = y[i]
-    rows[block, LOST, j] = y[18]
-    rows[block, STATUS, j] = status
+        b[i, j] = y[i]
+    b[LOST, j] = y[18]
+    b[STATUS, j] = status
 
 
-@_compiled
-def _arrive(rows, block, first, count):
-    """Makes NEXT the state, and books work, dissipation and time.
+@_compiled_for_width
+def _move(b, width, refinement, settings):
+    """One control period of the states in the buffer; those that aren't MOVED after it must be set again.
 
-    Pendulums that were just placed, or whose STATUS isn't FINE, stay as they are.
+    By the splitting, its steps `refinement` times finer; or, where a tolerance is set or they would be finer than
+    FINEST, by the adaptive scheme.
     """
-    total = np.zeros(WIDTH)
-    moved = np.zeros(WIDTH)
-    for i in range(18):
-        for j in range(count):
-            total[j] += rows[block, NEXT + i, first + j]
-    for j in range(count):
-        fresh = rows[block, FRESH, first + j] != 0.0
-        rows[block, FRESH, first + j] = 0.0
-        if not fresh and rows[block, STATUS, first + j] == FINE and not math.isfinite(total[j]):
-            rows[block, STATUS, first + j] = NOT_FINITE
-        moved[j] = 1.0 if not fresh and rows[block, STATUS, first + j] == FINE else 0.0
-    for i in range(3):
-        for j in range(count):
-            if moved[j] != 0.0:
-                change = rows[block, NEXT + i, first + j] - rows[block, STATE + i, first + j]
-                rows[block, WORK, first + j] += rows[block, FORCE + i, first + j] * change
-    for i in range(18):
-        for j in range(count):
-            if moved[j] != 0.0:
-                rows[block, STATE + i, first + j] = rows[block, NEXT + i, first + j]
-    for j in range(count):
-        if moved[j] != 0.0:
-            rows[block, DISSIPATED, first + j] += rows[block, LOST, first + j]
-            rows[block, CLOCK, first + j] += 1.0
+    literally(width)
+    if b.shape[1] != width:
+        return
+    period = settings[PERIOD]
+    tolerance = settings[TOLERANCE]
+    for j in range(width):
+        b[BEFORE, j] = b[0, j]
+        b[BEFORE + 1, j] = b[1, j]
+        b[BEFORE + 2, j] = b[2, j]
+        b[GUARDED, j] = 0.0
+        b[LOST, j] = 0.0
+        b[STATUS, j] = FINE
+    if tolerance == 0.0 and refinement <= FINEST:
+        steps = int(b[STEPS, 0]) * refinement
+        _split(b, width, steps, period / steps)
+    else:
+        for j in range(width):
+            if b[FRESH, j] == 0.0:
+                _adaptive(b, j, period, GUARD_TOLERANCE if tolerance == 0.0 else tolerance)
+    for j in range(width):
+        total = (
+            b[0, j] + b[1, j] + b[2, j] + b[3, j] + b[4, j] + b[5, j] + b[6, j] + b[7, j] + b[8, j]
+            + b[9, j] + b[10, j] + b[11, j] + b[12, j] + b[13, j] + b[14, j] + b[15, j] + b[16, j] + b[17, j]
+        )  # fmt: skip
+        finite = total - total == 0.0
+        fresh = b[FRESH, j] != 0.0
+        guarded = (b[GUARDED, j] != 0.0) & (not fresh)
+        wrong = (not finite) & (not fresh) & (not guarded) & (b[STATUS, j] == FINE)
+        status = NOT_FINITE if wrong else b[STATUS, j]
+        moved = (not fresh) & (not guarded) & (status == FINE)
+        b[GUARDED, j] = 1.0 if guarded else 0.0
+        b[STATUS, j] = status
+        b[MOVED, j] = 1.0 if moved else 0.0
+        b[LOST, j] = b[LOST, j] if moved else 0.0
 
 
-@_compiled
-def _report(rows, block, first, count, settings):
-    """Energies, reward and end, from the state."""
-    b = np.empty((STATUS + 1, WIDTH))
-    for i in range(TIME):
-        for j in range(count):
-            b[i, j] = rows[block, i, first + j]
-    for j in range(count):
-        b[STATUS, j] = rows[block, STATUS, first + j]
+@_compiled_for_width
+def _report(b, width, settings):
+    """Books work, dissipation and time; energies, reward and end, from the state."""
+    literally(width)
+    if b.shape[1] != width:
+        return
     limit = settings[DEVIATION] * settings[DEVIATION]
     travel = settings[TRAVEL]
+    period = settings[PERIOD]
     force_scale = 1.0 / (max(settings[AXIS_COUNT], 1.0) * settings[MAX_FORCE] * settings[MAX_FORCE])
-    for j in range(count):
+    energy_scale = settings[ENERGY_SCALE]
+    posture_scale = settings[POSTURE_SCALE]
+    velocity_scale = settings[VELOCITY_SCALE]
+    centring_scale = settings[CENTRING_SCALE]
+    weight0 = settings[WEIGHTS]
+    weight1 = settings[WEIGHTS + 1]
+    weight2 = settings[WEIGHTS + 2]
+    weight3 = settings[WEIGHTS + 3]
+    weight4 = settings[WEIGHTS + 4]
+    for j in range(width):
+        work = b[WORK, j]
+        work += b[FORCE, j] * (b[0, j] - b[BEFORE, j])
+        work += b[FORCE + 1, j] * (b[1, j] - b[BEFORE + 1, j])
+        work += b[FORCE + 2, j] * (b[2, j] - b[BEFORE + 2, j])
+        dissipated = b[DISSIPATED, j] + b[LOST, j]
+        clock = b[CLOCK, j] + b[MOVED, j]
+        b[WORK, j] = work
+        b[WORK_DONE, j] = work
+        b[DISSIPATED, j] = dissipated
+        b[LOST_TO_DRAG, j] = dissipated
+        b[CLOCK, j] = clock
+        b[ELAPSED, j] = clock
+        b[TIME, j] = clock * period
         energy = physics.total_energy(
             b[0, j], b[1, j], b[2, j], b[3, j], b[4, j], b[5, j], b[6, j], b[7, j], b[8, j],
             b[9, j], b[10, j], b[11, j], b[12, j], b[13, j], b[14, j], b[15, j], b[16, j], b[17, j],
             b[MASSES, j], b[MASSES + 1, j], b[MASSES + 2, j],
             b[PHYSICS + 5, j], b[PHYSICS + 6, j], b[PHYSICS + 7, j], b[PHYSICS + 8, j], b[PHYSICS + 9, j],
         )  # fmt: skip
-        start = energy if b[CLOCK, j] == 0.0 else b[START_ENERGY, j]
+        start = energy if clock == 0.0 else b[START_ENERGY, j]
         b[START_ENERGY, j] = start
-        b[TIME, j] = b[CLOCK, j] * settings[PERIOD]
         b[ENERGY, j] = energy
         b[EXCESS, j] = energy - b[REST_ENERGY, j]
-        b[ERROR, j] = physics.energy_error(energy - start - b[WORK, j] + b[DISSIPATED, j], start)
+        b[ERROR, j] = physics.energy_error(energy - start - work + dissipated, start)
         b[STATUS, j] = NOT_FINITE if energy - energy != 0.0 else b[STATUS, j]
-
+    for j in range(width):
         # How far each mass is from its place relative to the anchor.
         x1 = b[3, j] - b[0, j]
         y1 = b[4, j] - b[1, j]
@@ -449,119 +495,179 @@ def _report(rows, block, first, count, settings):
             b[0, j] * b[0, j] + b[1, j] * b[1, j] + b[2, j] * b[2, j],
             (b[FORCE, j] * b[FORCE, j] + b[FORCE + 1, j] * b[FORCE + 1, j] + b[FORCE + 2, j] * b[FORCE + 2, j])
             * force_scale,
-            settings[ENERGY_SCALE],
-            settings[POSTURE_SCALE],
-            settings[VELOCITY_SCALE],
-            settings[CENTRING_SCALE],
+            energy_scale,
+            posture_scale,
+            velocity_scale,
+            centring_scale,
         )
-        b[TERMS, j] = settings[WEIGHTS] * terms[0]
-        b[TERMS + 1, j] = settings[WEIGHTS + 1] * terms[1]
-        b[TERMS + 2, j] = settings[WEIGHTS + 2] * terms[2]
-        b[TERMS + 3, j] = settings[WEIGHTS + 3] * terms[3]
-        b[TERMS + 4, j] = settings[WEIGHTS + 4] * terms[4]
-        reward = b[TERMS, j] + b[TERMS + 1, j] + b[TERMS + 2, j] + b[TERMS + 3, j] + b[TERMS + 4, j]
-        b[REWARD, j] = min(max(reward, 0.0), 1.0)
-    for i in range(START_ENERGY, STATUS + 1):
-        for j in range(count):
-            rows[block, i, first + j] = b[i, j]
+        term0 = weight0 * terms[0]
+        term1 = weight1 * terms[1]
+        term2 = weight2 * terms[2]
+        term3 = weight3 * terms[3]
+        term4 = weight4 * terms[4]
+        b[TERMS, j] = term0
+        b[TERMS + 1, j] = term1
+        b[TERMS + 2, j] = term2
+        b[TERMS + 3, j] = term3
+        b[TERMS + 4, j] = term4
+        b[REWARD, j] = min(max(term0 + term1 + term2 + term3 + term4, 0.0), 1.0)
+        b[FRESH, j] = 0.0
 
 
-def _advance(rows, first, count, settings):
-    """One control period and the report of the pendulums from `first` to before `first + count`.
+def _advance(cell, x, y, z):
+    """One control period of a single pendulum under the action (x, y, z), in units of max_force, and its report.
 
-    Pendulums that were just placed are only reported. Returns the largest STATUS.
-    """
-    width = rows.shape[2]
-    tolerance = settings[TOLERANCE]
-    end = first + count
-    blocks = range(first // width, (end - 1) // width + 1)
-    for block in blocks:
-        low = max(first - block * width, 0)
-        high = min(end - block * width, width)
-        _apply_actions(rows, block, low, high - low, settings[MAX_FORCE])
-    if tolerance == 0.0:
-        # As they are; then those again, finer, of which a spring came too close to zero length.
-        work = np.empty(count, dtype=np.int64)
-        steps = np.empty(count)
-        for refinement in (1, REFINEMENT):
-            wanted = 0
-            for block in blocks:
-                for column in range(max(first - block * width, 0), min(end - block * width, width)):
-                    if refinement == 1 or rows[block, GUARDED, column] != 0.0:
-                        work[wanted] = block * width + column
-                        steps[wanted] = rows[block, STEPS, column]
-                        wanted += 1
-            # Of a plain 0 or 1 numba would compile what is handed it a second time.
-            done = np.int64(0)
-            while done < wanted:
-                room = width - work[done] % width if refinement == 1 else WIDTH  # neighbours of a block are copied fast
-                size = np.int64(1)
-                while size < room and done + size < wanted and steps[done + size] == steps[done]:
-                    size += 1
-                _splitting(rows, work, done, size, refinement)
-                done += size
-    worst = FINE
-    for block in blocks:
-        low = max(first - block * width, 0)
-        high = min(end - block * width, width)
-        for j in range(low, high):
-            wrong = tolerance != 0.0 or rows[block, GUARDED, j] != 0.0
-            if wrong and rows[block, STATUS, j] == FINE and rows[block, FRESH, j] == 0.0:
-                _adaptive(rows, block, j, settings[PERIOD], GUARD_TOLERANCE if tolerance == 0.0 else tolerance)
-        _arrive(rows, block, low, high - low)
-        _report(rows, block, low, high - low, settings)
-        for j in range(low, high):
-            worst = max(worst, int(rows[block, STATUS, j]))
-    return worst
-
-
-# Its body goes into `_step_batch` instead of being called, which would compile all that it calls once more.
-_advance_here = numba.njit(error_model="numpy", nogil=True, inline="always")(_advance)
-
-
-@_compiled
-def _collect(rows, first, count, observations, outcomes, forces, ended):
-    """Copies what the pendulums from `first` to before `first + count` report into arrays.
+    One that was just placed is only reported. Returns its STATUS; where an action isn't finite nothing changes.
 
     Args:
+        cell: shape (CELL,), read and written.
+    """
+    if not math.isfinite(x + y + z):
+        return BAD_ACTION
+    settings = cell[REPORTED:]
+    b = np.empty((BUFFER, 1))
+    for i in range(FIELDS):
+        b[i, 0] = cell[i]
+    fresh = b[FRESH, 0] != 0.0
+    scale = 0.0 if fresh else settings[MAX_FORCE]
+    b[FORCE, 0] = scale * min(max(x, -1.0), 1.0)
+    b[FORCE + 1, 0] = scale * min(max(y, -1.0), 1.0)
+    b[FORCE + 2, 0] = scale * min(max(z, -1.0), 1.0)
+    refinement = np.int64(1)  # of a plain 1 numba would compile what is handed it a second time
+    while True:
+        _move(b, 1, refinement, settings)
+        if b[MOVED, 0] == 0.0:
+            for i in range(18):
+                b[i, 0] = cell[i]
+        if b[GUARDED, 0] == 0.0:
+            break
+        refinement *= REFINEMENT
+    _report(b, 1, settings)
+    for i in range(REPORTED):
+        cell[i] = b[i, 0]
+    return int(b[STATUS, 0])
+
+
+def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces, ended):
+    """One control period of many pendulums, and their reports. Returns the largest STATUS.
+
+    Those that were just placed are only reported.
+
+    Args:
+        rows: shape (blocks, FIELDS, WIDTH), read and written.
+        wanted: which pendulums, shape (n,).
+        settings: shape (SETTINGS,).
+        actions: shape (pendulums, actuated axes), finite.
         observations: shape (pendulums, 12 or 18), written.
-        outcomes: shape (STATUS - CLOCK, pendulums), written: the fields from CLOCK to before STATUS.
+        outcomes: shape (REPORTED - FIELDS, pendulums), written: what a step reports.
         forces: shape (pendulums, 3), written.
         ended: shape (pendulums,), written.
     """
-    width = rows.shape[2]
-    shown = observations.shape[1] // 2
-    hidden = 9 - shown  # positions of the anchor that the observation leaves out
-    index = first
-    while index < first + count:
-        block, column = divmod(index, width)
-        run = min(width - column, first + count - index)
-        for j in range(run):
-            for i in range(shown):
-                observations[index + j, i] = rows[block, STATE + hidden + i, column + j]
-                observations[index + j, shown + i] = rows[block, STATE + 9 + hidden + i, column + j]
-            for i in range(3):
-                forces[index + j, i] = rows[block, FORCE + i, column + j]
-            ended[index + j] = rows[block, ENDED, column + j] != 0.0
-        for i in range(STATUS - CLOCK):
-            for j in range(run):
-                outcomes[i, index + j] = rows[block, CLOCK + i, column + j]
-        index += run
-
-
-def _step_batch(rows, first, count, settings, actions, observations, outcomes, forces, ended):
-    """`advance` with actions, shape (pendulums, actuated axes), and the results as `_collect` describes them."""
-    width = rows.shape[2]
+    b = np.empty((BUFFER, WIDTH))
+    flat = b.reshape(BUFFER * WIDTH)
+    lanes = np.empty(WIDTH, dtype=np.int64)
+    queue = np.empty(CHUNK, dtype=np.int64)
+    whole_state = observations.shape[1] == 18
+    max_force = settings[MAX_FORCE]
     worst = FINE
-    for start in range(first, first + count, CHUNK):
-        size = min(CHUNK, first + count - start)
-        for index in range(start, start + size):
-            block, column = divmod(index, width)
-            for axis in range(actions.shape[1]):
-                rows[block, ACTION + int(settings[AXIS_SLOTS + axis]), column] = actions[index, axis]
-        status = _advance_here(rows, start, size, settings)
-        worst = max(worst, status)
-        _collect(rows, start, size, observations, outcomes, forces, ended)
+    for begin in range(0, wanted.size, CHUNK):
+        waiting = min(CHUNK, wanted.size - begin)
+        for n in range(waiting):
+            queue[n] = wanted[begin + n]
+        refinement = np.int64(1)
+        while waiting > 0:
+            again = 0  # those that were guarded go back to the front of the queue, to be done finer
+            done = np.int64(0)
+            while done < waiting:
+                # Whole blocks are copied fast.
+                block = queue[done] // WIDTH
+                together = done + WIDTH <= waiting
+                if together:
+                    for j in range(WIDTH):
+                        lanes[j] = queue[done + j]
+                    steps = rows[block, STEPS, 0]
+                    for j in range(WIDTH):
+                        together &= (lanes[j] == block * WIDTH + j) & (rows[block, STEPS, j] == steps)
+                count = np.int64(WIDTH)
+                if not together:  # the next in the queue, and others that need as many steps
+                    steps = rows[block, STEPS, queue[done] % WIDTH]
+                    count = np.int64(0)
+                    for n in range(done, waiting):
+                        index = queue[n]
+                        if rows[index // WIDTH, STEPS, index % WIDTH] == steps:
+                            queue[n] = queue[done + count]
+                            queue[done + count] = index
+                            lanes[count] = index
+                            count += 1
+                            if count == WIDTH:
+                                break
+                    for j in range(count, WIDTH):
+                        lanes[j] = lanes[0]
+                done += count
+                if together:
+                    whole = rows[block].reshape(FIELDS * WIDTH)
+                    for n in range(FIELDS * WIDTH):
+                        flat[n] = whole[n]
+                else:
+                    for j in range(WIDTH):
+                        for i in range(FIELDS):
+                            b[i, j] = rows[lanes[j] // WIDTH, i, lanes[j] % WIDTH]
+                for i in range(3):
+                    slot = int(settings[AXIS_SLOTS + i])
+                    for j in range(WIDTH):
+                        action = actions[lanes[j], slot] if slot >= 0 else 0.0
+                        b[FORCE + i, j] = max_force * min(max(action, -1.0), 1.0) if b[FRESH, j] == 0.0 else 0.0
+                _move(b, WIDTH, refinement, settings)
+                remarkable = False
+                for j in range(WIDTH):
+                    remarkable |= b[MOVED, j] == 0.0
+                if remarkable:
+                    for j in range(WIDTH):
+                        if b[MOVED, j] == 0.0:
+                            for i in range(18):
+                                b[i, j] = rows[lanes[j] // WIDTH, i, lanes[j] % WIDTH]
+                _report(b, WIDTH, settings)
+                if together:
+                    whole = rows[block].reshape(FIELDS * WIDTH)
+                    for n in range(PHYSICS * WIDTH):
+                        whole[n] = flat[n]
+                    for i in range(REPORTED - FIELDS):
+                        outcome = outcomes[i, block * WIDTH : (block + 1) * WIDTH]
+                        for j in range(WIDTH):
+                            outcome[j] = b[FIELDS + i, j]
+                else:
+                    for j in range(count):
+                        for i in range(PHYSICS):
+                            rows[lanes[j] // WIDTH, i, lanes[j] % WIDTH] = b[i, j]
+                        for i in range(REPORTED - FIELDS):
+                            outcomes[i, lanes[j]] = b[FIELDS + i, j]
+                # Loops of constant length, which are fast: all numbers of the state, or those of the two masses.
+                if whole_state:
+                    for j in range(WIDTH):
+                        observation = observations[lanes[j]]
+                        for i in range(18):
+                            observation[i] = b[i, j]
+                else:
+                    for j in range(WIDTH):
+                        observation = observations[lanes[j]]
+                        for i in range(6):
+                            observation[i] = b[3 + i, j]
+                            observation[6 + i] = b[12 + i, j]
+                for j in range(WIDTH):
+                    force = forces[lanes[j]]
+                    for i in range(3):
+                        force[i] = b[FORCE + i, j]
+                    ended[lanes[j]] = b[ENDED, j] != 0.0
+                for j in range(WIDTH):
+                    remarkable |= b[STATUS, j] != FINE
+                if remarkable:
+                    for j in range(count):
+                        worst = max(worst, int(b[STATUS, j]))
+                        if b[GUARDED, j] != 0.0:
+                            queue[again] = lanes[j]
+                            again += 1
+            waiting = again
+            refinement *= REFINEMENT
     return worst
 
 
@@ -569,4 +675,3 @@ with _cache_folder() as _cached:
     _entry = numba.njit(error_model="numpy", nogil=True, cache=_cached)
     advance = _entry(_advance)
     step_batch = _entry(_step_batch)
-    collect = _entry(_collect.py_func)

@@ -1,7 +1,8 @@
 """How pendulums are laid out in memory for the compiled step, and how one is put there.
 
-Pendulums are kept in `rows`, an array of shape (blocks, FIELDS, width): each block holds `width` pendulums side by
-side, one field after the other. A single environment is one block of width one.
+Many pendulums are kept in `rows`, an array of shape (blocks, FIELDS, WIDTH): each block holds WIDTH pendulums side by
+side, one field after the other. A single one is kept in a `cell`, an array of shape (CELL,): its fields, what its last
+step reported, and the settings.
 """
 
 from __future__ import annotations
@@ -19,39 +20,35 @@ from spring_pendulum_env.scenario import Scenario
 FloatArray = NDArray[np.float64]
 
 WIDTH = 64
-"""Pendulums in a block."""
+"""Pendulums in a block: enough to hide what a loop costs, few enough for all that a step touches to stay in cache."""
 
-# The fields of a pendulum in `rows`, and where each begins.
+# The fields of a pendulum, and where each begins. First what a step changes ...
 STATE = 0  # 18: positions of anchor, m1, m2, then their velocities
-FORCE = 18  # 3, newtons
-PHYSICS = 21  # 11: Parameters.constants()
-STEP = 32  # length of a step of the splitting, s
-DRAG = 33  # 3: Parameters.drag_rates()
-MASSES = 36  # 3
-HEIGHTS = 39  # 2: where the springs' far ends belong
-REST_ENERGY = 41
-START_ENERGY = 42
-CLOCK = 43  # control periods since the start
-WORK = 44
-DISSIPATED = 45
-TIME = 46
-ENERGY = 47
-EXCESS = 48
-ERROR = 49
-REWARD = 50
-ENDED = 51  # 1 where the task's condition to end is met
-TERMS = 52  # 5: the weighted reward terms
-STATUS = 57  # what went wrong in the step
-ACTION = 58  # 3: in units of max_force, zero on held axes
-STEPS = 61  # steps of the splitting in a control period
-NEXT = 62  # 18: the state that a scheme arrived at
-LOST = 80  # what drag took on the way
-GUARDED = 81  # 1 where the splitting came too close to zero length
-FRESH = 82  # 1 where it was just placed: the next step only reports it
-FIELDS = 83
+START_ENERGY = 18
+CLOCK = 19  # control periods since the start
+WORK = 20
+DISSIPATED = 21
+FORCE = 22  # 3, newtons
+STATUS = 25  # what went wrong in the step
+FRESH = 26  # 1 where it was just placed: the next step only reports it
+# ... then what stays as long as an episode.
+PHYSICS = 27  # 11: Parameters.constants()
+DRAG = 38  # 3: Parameters.drag_rates()
+MASSES = 41  # 3
+HEIGHTS = 44  # 2: where the springs' far ends belong
+REST_ENERGY = 46
+STEPS = 47  # steps of the splitting in a control period
+FIELDS = 48
 
-CHUNK = 512
-"""Pendulums that are taken through all parts of a step before the next ones, to stay in the processor's cache."""
+# What a step reports of a pendulum besides, after the fields.
+TIME, ENERGY, EXCESS, ERROR, WORK_DONE, LOST_TO_DRAG, TERMS = range(FIELDS, FIELDS + 7)
+REWARD = TERMS + len(tasks.REWARD_TERMS)  # TERMS: the weighted reward terms
+ENDED = REWARD + 1  # 1 where the task's condition to end is met
+ELAPSED = ENDED + 1  # CLOCK
+REPORTED = ELAPSED + 1
+
+CHUNK = 2048
+"""Pendulums that are done before the next ones, to stay in the processor's cache."""
 
 FINE, BAD_ACTION, NOT_FINITE, TOO_MANY_STEPS = range(4)
 
@@ -69,19 +66,14 @@ FINE, BAD_ACTION, NOT_FINITE, TOO_MANY_STEPS = range(4)
     CENTRING_SCALE,
     WEIGHTS,  # 5, one for each reward term
 ) = range(11)
-AXIS_SLOTS = WEIGHTS + len(tasks.REWARD_TERMS)  # 3: which axis each number of an action belongs to
+AXIS_SLOTS = WEIGHTS + len(tasks.REWARD_TERMS)  # 3: which number of an action belongs to x, y and z; -1: none
+SETTINGS = AXIS_SLOTS + 3
 
-
-def action_slice(actuated_axes: str) -> slice:
-    """Where the numbers of an action stand among the fields; the axes in the order x, y, z."""
-    if not actuated_axes:
-        return slice(0, 0)
-    first, last = (ACTION + physics.AXES.index(axis) for axis in (actuated_axes[0], actuated_axes[-1]))
-    return slice(first, last + 1, 2 if actuated_axes == "xz" else 1)
+CELL = REPORTED + SETTINGS
 
 
 def settings_of(scenario: Scenario) -> FloatArray:
-    """The numbers that all pendulums of an environment share."""
+    """The numbers that all pendulums of an environment share, shape (SETTINGS,)."""
     task = scenario.task
     return np.array(
         [
@@ -96,7 +88,7 @@ def settings_of(scenario: Scenario) -> FloatArray:
             task.velocity_scale,
             task.centring_scale,
             *(task.weights.get(term, 0.0) for term in tasks.REWARD_TERMS),
-            *(physics.AXES.index(axis) for axis in scenario.actuated_axes),
+            *(scenario.actuated_axes.find(axis) for axis in physics.AXES),
         ]
     )
 
@@ -115,20 +107,25 @@ def template(scenario: Scenario, parameters: Parameters) -> FloatArray:
     fields = np.zeros(FIELDS)
     constants = parameters.constants(scenario.actuated_axes)
     heights = scenario.spring_heights(parameters)
-    steps = steps_in(scenario.control_period, constants)
+    fields[FRESH] = 1.0
     fields[PHYSICS : PHYSICS + 11] = constants
     fields[DRAG : DRAG + 3] = parameters.drag_rates()
     fields[MASSES : MASSES + 3] = parameters.m0, parameters.m1, parameters.m2
     fields[HEIGHTS : HEIGHTS + 2] = heights
-    fields[STEP] = scenario.control_period / steps
-    fields[STEPS] = steps
     fields[REST_ENERGY] = energy(parameters, vertical_state(*heights))
-    fields[FRESH] = 1.0
+    fields[STEPS] = steps_in(scenario.control_period, constants)
     return fields
 
 
-def fill(rows: FloatArray, index: int, fields: FloatArray, state: FloatArray) -> None:
-    """Puts a pendulum in its place: the fields of its `template`, and its state of 18 numbers."""
-    block, column = divmod(index, rows.shape[2])
-    rows[block, :, column] = fields
-    rows[block, STATE : STATE + 18, column] = state
+def fill(rows: FloatArray, indices: NDArray[np.intp], fields: FloatArray, states: FloatArray) -> None:
+    """Puts pendulums in their places in `rows`.
+
+    Args:
+        rows: shape (blocks, FIELDS, WIDTH), written.
+        indices: which pendulums, shape (n,).
+        fields: their `template`s, shape (FIELDS,) or (n, FIELDS).
+        states: shape (n, 18).
+    """
+    blocks, columns = np.divmod(indices, WIDTH)
+    rows[blocks, :, columns] = fields
+    rows[blocks, STATE : STATE + 18, columns] = states

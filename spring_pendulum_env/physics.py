@@ -137,21 +137,17 @@ def static_load(m1: Scalar, m2: Scalar, g: Scalar) -> Scalar:
     return (m1 + m2) * g
 
 
-def accelerations(
-    x0: Scalar, y0: Scalar, z0: Scalar,
-    x1: Scalar, y1: Scalar, z1: Scalar,
-    x2: Scalar, y2: Scalar, z2: Scalar,
+def accelerations_under(
+    f1x: Scalar, f1y: Scalar, f1z: Scalar,
+    f2x: Scalar, f2y: Scalar, f2z: Scalar,
     ux: Scalar, uy: Scalar, uz: Scalar,
-    w0x: Scalar, w0y: Scalar, w0z: Scalar, w1: Scalar, w2: Scalar,
-    k1: Scalar, k2: Scalar, L1: Scalar, L2: Scalar, g: Scalar, load: Scalar,
+    w0x: Scalar, w0y: Scalar, w0z: Scalar, w1: Scalar, w2: Scalar, g: Scalar, load: Scalar,
 ) -> tuple[Scalar, ...]:  # fmt: skip
     """Accelerations of the anchor, m1 and m2 without drag, m/s2: equations (25) to (30), and the anchor's own.
 
-    Args: positions, m; force on the anchor, N; then `Parameters.constants()`: the inverse masses (that of the anchor
-    for each axis, zero where it is held), 1/kg, the springs, gravity, and the static load on the gantry, N.
+    Args: `spring_force` of spring 1 and of spring 2, N; force on the anchor, N; the inverse masses (that of the anchor
+    for each axis, zero where it is held), 1/kg; gravity; and the static load on the gantry, N.
     """
-    f1x, f1y, f1z = spring_force(x1 - x0, y1 - y0, z1 - z0, k1, L1)
-    f2x, f2y, f2z = spring_force(x2 - x1, y2 - y1, z2 - z1, k2, L2)
     return (
         (ux - f1x) * w0x,
         (uy - f1y) * w0y,
@@ -163,6 +159,27 @@ def accelerations(
         f2y * w2,
         f2z * w2 - g,
     )
+
+
+def accelerations(
+    x0: Scalar, y0: Scalar, z0: Scalar,
+    x1: Scalar, y1: Scalar, z1: Scalar,
+    x2: Scalar, y2: Scalar, z2: Scalar,
+    ux: Scalar, uy: Scalar, uz: Scalar,
+    w0x: Scalar, w0y: Scalar, w0z: Scalar, w1: Scalar, w2: Scalar,
+    k1: Scalar, k2: Scalar, L1: Scalar, L2: Scalar, g: Scalar, load: Scalar,
+) -> tuple[Scalar, ...]:  # fmt: skip
+    """Accelerations of the anchor, m1 and m2 without drag, m/s2, from where they are.
+
+    Args: positions, m; force on the anchor, N; then `Parameters.constants()`: the inverse masses (that of the anchor
+    for each axis, zero where it is held), 1/kg, the springs, gravity, and the static load on the gantry, N.
+    """
+    force1 = spring_force(x1 - x0, y1 - y0, z1 - z0, k1, L1)
+    force2 = spring_force(x2 - x1, y2 - y1, z2 - z1, k2, L2)
+    return accelerations_under(
+        force1[0], force1[1], force1[2], force2[0], force2[1], force2[2],
+        ux, uy, uz, w0x, w0y, w0z, w1, w2, g, load,
+    )  # fmt: skip
 
 
 def derivatives(

@@ -9,7 +9,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Mapping
-from typing import Any, Literal, TypedDict, Unpack
+from typing import Any, Literal, Protocol, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from spring_pendulum_env.tasks import Task
 
 FloatArray = NDArray[np.float64]
 Tolerance = float | None | Literal["default"]
+
+START_NUMBERS = 12
+"""Normal random numbers that a start takes: displacements and velocities of the two masses."""
 
 SMALLEST_TOLERANCE = 1e-14
 """Below this, rounding alone would keep the adaptive scheme from ever being content."""
@@ -81,6 +84,13 @@ def _ranges(value: Any) -> dict[str, tuple[float, float]]:
             raise ValueError(f"randomise[{name!r}] = {bounds!r}: low must not exceed high")
         ranges[name] = (float(low), float(high))
     return ranges
+
+
+class Random(Protocol):
+    """What a scenario needs of a random number generator; NumPy's has it."""
+
+    def uniform(self, low: float, high: float) -> float: ...
+    def standard_normal(self, size: int) -> FloatArray: ...
 
 
 class Arguments(TypedDict, total=False):
@@ -177,7 +187,7 @@ class Scenario:
             return -parameters.L1, -parameters.L2
         return spring_lengths(parameters, self.equilibrium)
 
-    def draw(self, random: np.random.Generator, options: Mapping[str, Any] | None) -> tuple[Parameters, FloatArray]:
+    def draw(self, random: Random, options: Mapping[str, Any] | None) -> tuple[Parameters, FloatArray]:
         """Parameters and start of an episode: drawn, or as the options of `reset` say.
 
         Returns:
@@ -197,11 +207,15 @@ class Scenario:
         rest = self.rest if parameters is self.parameters else vertical_state(*self.spring_heights(parameters))
         if options.get("state") is not None:
             return parameters, self.checked_state(options["state"])
-        start = rest.copy()
-        noise = random.standard_normal(12)
-        start[3:9] += noise[:6] * (self.start_scale * self.task.start_displacement)
-        start[12:18] += noise[6:] * (self.start_scale * self.task.start_velocity)
-        return parameters, start
+        return parameters, self.start_from(rest, random.standard_normal(START_NUMBERS))
+
+    def start_from(self, rest: FloatArray, noise: FloatArray) -> FloatArray:
+        """States of shape (..., 18) about `rest` from START_NUMBERS normal random numbers each."""
+        start = np.empty((*noise.shape[:-1], 18))
+        start[...] = rest
+        start[..., 3:9] += noise[..., :6] * (self.start_scale * self.task.start_displacement)
+        start[..., 12:18] += noise[..., 6:] * (self.start_scale * self.task.start_velocity)
+        return start
 
     def checked_state(self, state: Any) -> FloatArray:
         """A state in the observation's layout as 18 numbers.

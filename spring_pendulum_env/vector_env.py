@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import concurrent.futures
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Unpack
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from spring_pendulum_env import kernels, layout
 from spring_pendulum_env.env import failure
+from spring_pendulum_env.equilibria import BODY_STATE
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import Arguments, Scenario
+from spring_pendulum_env.starts import Starts
 from spring_pendulum_env.tasks import REWARD_TERMS, task_named
 
 FloatArray = NDArray[np.float64]
@@ -30,8 +32,8 @@ _NUMBERS = {
     "energy": layout.ENERGY,
     "excess_energy": layout.EXCESS,
     "energy_error": layout.ERROR,
-    "work": layout.WORK,
-    "dissipated": layout.DISSIPATED,
+    "work": layout.WORK_DONE,
+    "dissipated": layout.LOST_TO_DRAG,
 }
 
 
@@ -103,17 +105,16 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
 
-        width = min(num_envs, layout.WIDTH)
         self._settings = layout.settings_of(self.scenario)
         self._template = layout.template(self.scenario, self.scenario.parameters)
-        self._rows = np.zeros((-(-num_envs // width), layout.FIELDS, width))
+        self._rows = np.zeros((-(-num_envs // layout.WIDTH), layout.FIELDS, layout.WIDTH))
         if self.threads > 1:
             self._pool = concurrent.futures.ThreadPoolExecutor(self.threads)
-        self._shares = _shares(num_envs, width, self.threads)
+        self._shares = _shares(num_envs, self.threads)
         self._numbers = _NUMBERS | {
             f"reward_{term}": layout.TERMS + REWARD_TERMS.index(term) for term in self.scenario.task.terms
         }
-        self._randoms: list[np.random.Generator | None] = [None] * num_envs
+        self._starts = Starts(num_envs, ahead=not self.scenario.randomise)
         self._constants = {name: np.full(num_envs, value) for name, value in self.scenario.parameters.as_dict().items()}
         self._unusual: BoolArray = np.zeros(num_envs, dtype=np.bool_)  # rows whose constants are drawn or set
         self._shown_constants: dict[str, FloatArray | BoolArray] | None = None
@@ -152,13 +153,13 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             raise gym.error.ResetNeeded("reset with a reset_mask before all rows were reset: reset them all first")
         rows = np.flatnonzero(chosen)
         for row in rows.tolist():
-            if seeds[row] is not None or self._randoms[row] is None:
-                self._randoms[row], _ = seeding.np_random(seeds[row])
+            self._starts.seed(row, seeds[row])
         self._place(rows, options)
         results = _Results.empty(self.num_envs, self.scenario.state_size)
         self._report_placed(rows, results)
         if rows.size < self.num_envs:
-            kernels.collect(self._rows, 0, self.num_envs, *results)
+            others = ~chosen
+            results.observations[others] = self._observed(self.states[others])
         self._started = True
         self._ended[rows] = False
         return results.observations, self._infos(results, chosen)
@@ -190,7 +191,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         results = _Results.empty(self.num_envs, self.scenario.state_size)
         self._advance(numbers, results)
         terminated = results.ended
-        truncated = results.field(layout.CLOCK) >= self.max_episode_steps
+        truncated = results.field(layout.ELAPSED) >= self.max_episode_steps
         rewards = results.field(layout.REWARD).copy()
         if restarted is not None:  # these rows were reset instead of stepped
             rewards[restarted] = 0.0
@@ -229,36 +230,48 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
 
     def _place(self, rows: NDArray[np.intp], options: Mapping[str, Any]) -> None:
         """Gives rows new episodes; all of them are drawn before the first is placed, so an error changes no row."""
-        drawn = []
-        for row in rows.tolist():
-            own = {name: _of_row(name, value, row) for name, value in options.items()}
-            drawn.append(self.scenario.draw(self._randoms[row], own))
-        for row, (parameters, state) in zip(rows.tolist(), drawn, strict=True):
-            usual = parameters is self.scenario.parameters
-            fields = self._template if usual else layout.template(self.scenario, parameters)
-            layout.fill(self._rows, row, fields, state)
-            if row in self._renderers:
-                self._renderers[row].forget()
-        unusual = [parameters is not self.scenario.parameters for parameters, _ in drawn]
+        if not options and not self.scenario.randomise:  # the usual case, which is to cost little
+            states = self.scenario.start_from(self.scenario.rest, self._starts.draw(rows))
+            layout.fill(self._rows, rows, self._template, states)
+            drawn = [self.scenario.parameters] * rows.size if self._unusual[rows].any() else []
+        else:
+            episodes = [
+                self.scenario.draw(
+                    self._starts.row(row), {name: _of_row(name, value, row) for name, value in options.items()}
+                )
+                for row in rows.tolist()
+            ]
+            drawn = [parameters for parameters, _ in episodes]
+            fields = [self._template_of(parameters) for parameters in drawn]
+            layout.fill(self._rows, rows, np.array(fields), np.array([state for _, state in episodes]))
+        unusual = [parameters is not self.scenario.parameters for parameters in drawn]
         if any(unusual) or self._unusual[rows].any():
             self._unusual[rows] = unusual
             self._shown_constants = None
             for name, values in self._constants.items():
-                values[rows] = [getattr(parameters, name) for parameters, _ in drawn]
+                values[rows] = [getattr(parameters, name) for parameters in drawn]
+        for row in self._renderers.keys() & set(rows.tolist()) if self._renderers else ():
+            self._renderers[row].forget()
+
+    def _template_of(self, parameters: Parameters) -> FloatArray:
+        return self._template if parameters is self.scenario.parameters else layout.template(self.scenario, parameters)
+
+    def _observed(self, states: FloatArray) -> FloatArray:
+        """What observations show of states of shape (n, 18)."""
+        return states if self.scenario.task.actuated else states[:, BODY_STATE]
 
     def _report_placed(self, rows: NDArray[np.intp], results: _Results) -> None:
-        for row in rows.tolist():
-            self._check(kernels.step_batch(self._rows, row, 1, self._settings, self._no_actions, *results))
+        self._check(kernels.step_batch(self._rows, rows, self._settings, self._no_actions, *results))
 
     def _advance(self, actions: FloatArray, results: _Results) -> None:
-        def share(first: int, count: int) -> int:
-            status: int = kernels.step_batch(self._rows, first, count, self._settings, actions, *results)
+        def advance(share: NDArray[np.intp]) -> int:
+            status: int = kernels.step_batch(self._rows, share, self._settings, actions, *results)
             return status
 
         if self._pool is None:
-            self._check(share(0, self.num_envs))
+            self._check(advance(self._shares[0]))
         else:
-            self._check(max(self._pool.map(share, *zip(*self._shares, strict=True))))
+            self._check(max(self._pool.map(advance, self._shares)))
 
     def _check(self, status: int) -> None:
         if status != layout.FINE:
@@ -275,9 +288,10 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             raise ValueError(f"actions = {actions!r}: must be numbers of shape {shape}") from None
         if numbers.shape != shape:
             raise ValueError(f"actions of shape {numbers.shape}: must have shape {shape}")
-        if not np.isfinite(numbers).all():
+        if not math.isfinite(numbers.sum()):  # costs a third of looking at each
             wrong = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
-            raise ValueError(f"actions of rows {_some(wrong)}: must be finite")
+            if wrong.size:
+                raise ValueError(f"actions of rows {_some(wrong)}: must be finite")
         return numbers
 
     def _checked_options(self, options: Any) -> dict[str, Any]:
@@ -363,12 +377,14 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             from spring_pendulum_env.rendering import Renderer
 
             self._renderers[row] = Renderer("rgb_array", self.metadata["render_fps"], self.scenario)
-        block, column = divmod(row, self._rows.shape[2])
+        block, column = divmod(row, layout.WIDTH)
         fields = self._rows[block, :, column]
         state = fields[layout.STATE : layout.STATE + 18].copy()
         force = fields[layout.FORCE : layout.FORCE + 3].copy()
         parameters = Parameters(**{name: float(values[row]) for name, values in self._constants.items()})
-        return self._renderers[row].draw(state, parameters, force, float(fields[layout.TIME]))
+        return self._renderers[row].draw(
+            state, parameters, force, float(fields[layout.CLOCK] * self.scenario.control_period)
+        )
 
 
 class _Results(NamedTuple):
@@ -383,19 +399,19 @@ class _Results(NamedTuple):
     def empty(cls, num_envs: int, state_size: int) -> _Results:
         return cls(
             np.empty((num_envs, state_size)),
-            np.empty((layout.STATUS - layout.CLOCK, num_envs)),
+            np.empty((layout.REPORTED - layout.FIELDS, num_envs)),
             np.empty((num_envs, 3)),
             np.empty(num_envs, dtype=np.bool_),
         )
 
     def field(self, place: int) -> FloatArray:
-        """A field of all rows, from CLOCK to before STATUS."""
-        values: FloatArray = self.outcomes[place - layout.CLOCK]
+        """What a step reports of all rows."""
+        values: FloatArray = self.outcomes[place - layout.FIELDS]
         return values
 
     def numbers(self, places: Mapping[str, int]) -> dict[str, FloatArray]:
         """Fields by name."""
-        return {name: self.outcomes[place - layout.CLOCK] for name, place in places.items()}
+        return {name: self.outcomes[place - layout.FIELDS] for name, place in places.items()}
 
 
 def _positive_integer(name: str, value: Any) -> int:
@@ -421,11 +437,11 @@ def _seeds(seed: int | Sequence[int | None] | None, num_envs: int) -> list[int |
     return list(seed)
 
 
-def _shares(num_envs: int, width: int, threads: int) -> list[tuple[int, int]]:
-    """First row and number of rows for each thread: whole blocks, shared evenly."""
-    blocks = -(-num_envs // width)
-    bounds = [min(num_envs, width * (blocks * share // threads)) for share in range(threads + 1)]
-    return [(low, high - low) for low, high in itertools.pairwise(bounds) if high > low]
+def _shares(num_envs: int, threads: int) -> list[NDArray[np.intp]]:
+    """The rows of each thread: whole blocks, shared evenly."""
+    blocks = -(-num_envs // layout.WIDTH)
+    bounds = [min(num_envs, layout.WIDTH * (blocks * share // threads)) for share in range(threads + 1)]
+    return [np.arange(low, high) for low, high in itertools.pairwise(bounds) if high > low]
 
 
 def _of_row(name: str, value: Any, row: int) -> Any:

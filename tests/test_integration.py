@@ -492,7 +492,7 @@ def test_guard_takes_over_near_zero_length() -> None:
         accurate.reset(options={"state": state})
         ours, exact = env.step(None)[0], accurate.step(None)[0]
         ratio = max(approach(state), approach(exact))
-        place = "far" if ratio < 0.299 else "nearest" if ratio > 4 else "near"
+        place = "far" if ratio < 0.299 else "nearest" if ratio > 7 else "near"
         errors[place].append(float(np.abs(ours - exact).max()))
     assert min(map(len, errors.values())) > 30
     assert max(errors["nearest"]) == 0.0
