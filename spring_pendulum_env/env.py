@@ -7,6 +7,7 @@ from typing import Any, Unpack
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from numpy import ndarray
 from numpy.typing import NDArray
 
 from spring_pendulum_env import integrators, kernels, layout
@@ -142,11 +143,10 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self._cell = np.zeros(layout.CELL)
         self._cell[layout.REPORTED :] = layout.settings_of(self.scenario)
         self._action_shape = self.action_space.shape
-        # Which number of an action belongs to x, y and z (-1: none), unless they simply follow each other.
-        places = tuple(self.scenario.actuated_axes.find(axis) for axis in AXES)
-        self._places = None if places == (0, 1, 2) else places
+        self._places = [self.scenario.actuated_axes.find(axis) for axis in AXES]  # of x, y and z in an action; -1: none
+        self._all_axes = self._places == [0, 1, 2]
         self._terms = [
-            (f"reward_{term}", layout.TERMS + REWARD_TERMS.index(term) - layout.FIELDS)
+            (f"reward_{term}", layout.TERMS - layout.FIELDS + REWARD_TERMS.index(term))
             for term in self.scenario.task.terms
         ]
         self._renderer: Any = None
@@ -162,10 +162,11 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             self._observe = self._full_state.reshape(2, 9)[:, 3:].flatten
         self._force = self._cell[layout.FORCE : layout.FORCE + 3]
         self._outcome = self._cell[layout.FIELDS : layout.REPORTED]
+        self._advance = kernels.advance_entry()
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but the window and the views, which would be copied apart from what they show."""
-        views = ("_full_state", "_observe", "_force", "_outcome")
+        """All but the window, the compiled step and the views, which would be copied apart from what they show."""
+        views = ("_full_state", "_observe", "_force", "_outcome", "_advance")
         return {name: value for name, value in self.__dict__.items() if name not in views} | {"_renderer": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -202,7 +203,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         parameters, state = self.scenario.draw(self.np_random, options)
         self._cell[: layout.FIELDS] = layout.template(self.scenario, parameters)
         self._full_state[:] = state
-        status = kernels.advance(self._cell, 0.0, 0.0, 0.0)
+        status = self._advance(self._cell, 0.0, 0.0, 0.0)
         self._parameters = parameters
         self._constants = parameters.as_dict()
         self._started = True
@@ -212,7 +213,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             self._renderer.forget()
         if self.render_mode == "human":
             self.render()
-        return self._observe(), self._info(self._outcome.tolist())
+        return self._observe(), self._report()[0]
 
     def step(self, action: Any) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """One control period under a force that is held.
@@ -232,20 +233,19 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         """
         if not self._started:
             raise gym.error.ResetNeeded("step called before reset: call reset first")
-        # The usual kinds of action straight to the compiled step, which takes floats; others by way of a check.
-        if type(action) is np.ndarray and action.shape == self._action_shape and action.dtype.char in "fd":
-            numbers = action.tolist()
+        if self._all_axes and type(action) is ndarray:
+            try:  # the compiled step looks at the numbers itself
+                status = self._advance(self._cell, *action.tolist())
+            except (TypeError, ValueError):
+                status = self._advance(self._cell, *self._checked_action(action))
         else:
-            numbers = self._checked_action(action)
-        if self._places is not None:
-            numbers = [numbers[place] if place >= 0 else 0.0 for place in self._places]
-        status = kernels.advance(self._cell, *numbers)
+            status = self._advance(self._cell, *self._checked_action(action))
         if status != layout.FINE:
             self._refuse(status, action)
         if self.render_mode == "human":
             self.render()
-        outcome = self._outcome.tolist()
-        return self._observe(), outcome[_REWARD], outcome[_ENDED] != 0.0, False, self._info(outcome)
+        info, reward, ended = self._report()
+        return self._observe(), reward, ended != 0.0, False, info
 
     def render(self) -> Any:
         """A frame, shape (height, width, 3), uint8, in mode "rgb_array"; shows one on the screen in mode "human".
@@ -260,7 +260,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             from spring_pendulum_env.rendering import Renderer
 
             self._renderer = Renderer(self.render_mode, self.metadata["render_fps"], self.scenario)
-        return self._renderer.draw(self._full_state, self._parameters, self._force, self._outcome.tolist()[_TIME])
+        return self._renderer.draw(self._full_state, self._parameters, self._force, float(self._outcome[0]))
 
     def close(self) -> None:
         """Closes the window, if there is one. May be called twice."""
@@ -268,55 +268,43 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             self._renderer.close()
             self._renderer = None
 
-    def _checked_action(self, action: Any) -> list[float]:
-        """The action as floats, if its shape and type are right."""
+    def _checked_action(self, action: Any) -> tuple[float, float, float]:
+        """The action along x, y and z, if its shape and type are right."""
         if action is None and not self.scenario.task.actuated:
-            return []
+            return 0.0, 0.0, 0.0
         try:
-            numbers = np.asarray(action)
-            if numbers.shape == self._action_shape:
-                floats: list[float] = numbers.astype(np.float64, casting="same_kind").tolist()
-                return floats
+            numbers = np.asarray(action).astype(np.float64, casting="same_kind")
         except (TypeError, ValueError):
             raise ValueError(f"action = {action!r}: must be {self._action_shape[0]} numbers") from None
-        raise ValueError(f"action of shape {numbers.shape}: must have shape {self._action_shape}")
+        if numbers.shape != self._action_shape:
+            raise ValueError(f"action of shape {numbers.shape}: must have shape {self._action_shape}")
+        x, y, z = (numbers.item(place) if place >= 0 else 0.0 for place in self._places)
+        return x, y, z
 
     def _refuse(self, status: int, action: Any) -> None:
         if status == layout.BAD_ACTION:
             raise ValueError(f"action = {action!r}: must be finite")
         raise FloatingPointError(f"{failure(status)} (state {self._full_state}, {self._parameters})")
 
-    def _info(self, outcome: list[float]) -> dict[str, Any]:
+    def _report(self) -> tuple[dict[str, Any], float, float]:
+        """The info, the reward, and whether the task's condition to end is met, of the last step."""
+        # In the order of the fields that layout.py describes.
+        outcome = self._outcome.tolist()
+        time, energy, excess, error, work, dissipated, _, _, _, _, _, reward, ended, _ = outcome
         info: dict[str, Any] = {
-            "time": outcome[_TIME],
-            "energy": outcome[_ENERGY],
-            "excess_energy": outcome[_EXCESS],
-            "energy_error": outcome[_ERROR],
-            "work": outcome[_WORK],
-            "dissipated": outcome[_DISSIPATED],
+            "time": time,
+            "energy": energy,
+            "excess_energy": excess,
+            "energy_error": error,
+            "work": work,
+            "dissipated": dissipated,
             "parameters": self._constants.copy(),
         }
-        if self.scenario.task.actuated:
+        if self._terms:
             info["force"] = self._force.copy()
-            for name, position in self._terms:
-                info[name] = outcome[position]
-        return info
-
-
-# Where the numbers stand among the outcomes of a step.
-_TIME, _ENERGY, _EXCESS, _ERROR, _WORK, _DISSIPATED, _REWARD, _ENDED = (
-    place - layout.FIELDS
-    for place in (
-        layout.TIME,
-        layout.ENERGY,
-        layout.EXCESS,
-        layout.ERROR,
-        layout.WORK_DONE,
-        layout.LOST_TO_DRAG,
-        layout.REWARD,
-        layout.ENDED,
-    )
-)
+            for name, place in self._terms:
+                info[name] = outcome[place]
+        return info, reward, ended
 
 
 def failure(status: int) -> str:

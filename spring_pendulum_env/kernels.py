@@ -13,13 +13,15 @@ import hashlib
 import math
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
 from numba.extending import register_jitable
 from numba.misc.special import literally
+from numpy.typing import NDArray
 
 from spring_pendulum_env import integrators, layout, physics, tasks
 from spring_pendulum_env.integrators import (
@@ -83,6 +85,7 @@ from spring_pendulum_env.layout import (
 )
 
 STAGES = len(KICKS)
+HALF = STAGES // 2  # of the drifts
 
 # What a buffer holds after the fields and the reports.
 SPRINGS = REPORTED  # 6: forces of both springs, N
@@ -90,7 +93,9 @@ BEFORE = SPRINGS + 6  # 3: where the anchor was before the step
 GUARDED = BEFORE + 3  # 1 where a spring came too close to zero length for the splitting
 LOST = GUARDED + 1  # what drag took in this step, J
 MOVED = LOST + 1  # 1 where the step counts
-BUFFER = MOVED + 1
+SHARE = MOVED + 1  # 3 for each of half the drifts: what drag does, see _drag
+SHORT = SHARE + 3 * HALF
+BUFFER = SHORT + 3 * HALF
 
 
 def _source_hash() -> str:
@@ -132,11 +137,12 @@ def _compiled(function):
 
 
 def _compiled_for_width(function):
-    """As `_compiled`, and once more for each width of the buffer, the function's second argument.
+    """As `_compiled`, for functions of a buffer, its width, and how many lanes of it are in use.
 
-    The function begins with `literally(width)` and a test of the buffer's width that never fails: these tell the
-    compiler the distances between the buffer's fields, without which it would not vectorise. Written into one big
-    function instead, the parts would take it six times as long.
+    They begin with `literally(width)` and a test of the buffer's width that never fails: these tell the compiler the
+    distances between the buffer's fields, without which it would not vectorise. The lanes are one, or a multiple of
+    eight, so that no loop has a remainder. Written into one big function instead, the parts would take numba several
+    times as long.
     """
     return _compiled(function)
 
@@ -160,134 +166,123 @@ for _function in (
 
 
 @_compiled_for_width
-def _stretch(b, width):
-    """Forces of the springs, from the positions."""
+def _split(b, width, lanes, steps, step):
+    """So many steps of the symplectic splitting, each so long, s.
+
+    Marks the pendulums of which a spring is too close to zero length, before or after one of them.
+    """
     literally(width)
     if b.shape[1] != width:
         return
-    for j in range(width):
-        force1 = physics.spring_force(
-            b[3, j] - b[0, j], b[4, j] - b[1, j], b[5, j] - b[2, j], b[PHYSICS + 5, j], b[PHYSICS + 7, j]
-        )
-        force2 = physics.spring_force(
-            b[6, j] - b[3, j], b[7, j] - b[4, j], b[8, j] - b[5, j], b[PHYSICS + 6, j], b[PHYSICS + 8, j]
-        )
-        b[SPRINGS, j] = force1[0]
-        b[SPRINGS + 1, j] = force1[1]
-        b[SPRINGS + 2, j] = force1[2]
-        b[SPRINGS + 3, j] = force2[0]
-        b[SPRINGS + 4, j] = force2[1]
-        b[SPRINGS + 5, j] = force2[2]
-
-
-@_compiled_for_width
-def _kick_and_drift(b, width, kick, drift):
-    """Velocities change by the accelerations for a time `kick`, then positions by the velocities for `drift`, s."""
-    literally(width)
-    if b.shape[1] != width:
-        return
-    for j in range(width):
-        a = physics.accelerations_under(
-            b[SPRINGS, j], b[SPRINGS + 1, j], b[SPRINGS + 2, j],
-            b[SPRINGS + 3, j], b[SPRINGS + 4, j], b[SPRINGS + 5, j],
-            b[FORCE, j], b[FORCE + 1, j], b[FORCE + 2, j],
-            b[PHYSICS, j], b[PHYSICS + 1, j], b[PHYSICS + 2, j], b[PHYSICS + 3, j], b[PHYSICS + 4, j],
-            b[PHYSICS + 9, j], b[PHYSICS + 10, j],
-        )  # fmt: skip
-        v0 = b[9, j] + kick * a[0]
-        v1 = b[10, j] + kick * a[1]
-        v2 = b[11, j] + kick * a[2]
-        v3 = b[12, j] + kick * a[3]
-        v4 = b[13, j] + kick * a[4]
-        v5 = b[14, j] + kick * a[5]
-        v6 = b[15, j] + kick * a[6]
-        v7 = b[16, j] + kick * a[7]
-        v8 = b[17, j] + kick * a[8]
-        b[9, j] = v0
-        b[0, j] += drift * v0
-        b[10, j] = v1
-        b[1, j] += drift * v1
-        b[11, j] = v2
-        b[2, j] += drift * v2
-        b[12, j] = v3
-        b[3, j] += drift * v3
-        b[13, j] = v4
-        b[4, j] += drift * v4
-        b[14, j] = v5
-        b[5, j] += drift * v5
-        b[15, j] = v6
-        b[6, j] += drift * v6
-        b[16, j] = v7
-        b[7, j] += drift * v7
-        b[17, j] = v8
-        b[8, j] += drift * v8
-
-
-@_compiled_for_width
-def _guard(b, width, step):
-    """Marks the pendulums of which a spring is too close to zero length for such a step of the splitting."""
-    literally(width)
-    if b.shape[1] != width:
-        return
-    for j in range(width):
-        close1 = integrators.approaches_zero(
-            b[3, j] - b[0, j], b[4, j] - b[1, j], b[5, j] - b[2, j],
-            b[12, j] - b[9, j], b[13, j] - b[10, j], b[14, j] - b[11, j],
-            b[PHYSICS + 5, j], b[PHYSICS + 7, j], step,
-        )  # fmt: skip
-        close2 = integrators.approaches_zero(
-            b[6, j] - b[3, j], b[7, j] - b[4, j], b[8, j] - b[5, j],
-            b[15, j] - b[12, j], b[16, j] - b[13, j], b[17, j] - b[14, j],
-            b[PHYSICS + 6, j], b[PHYSICS + 8, j], step,
-        )  # fmt: skip
-        b[GUARDED, j] = 1.0 if close1 | close2 else b[GUARDED, j]
-
-
-@_compiled_for_width
-def _split(b, width, steps, step):
-    """So many steps of the symplectic splitting, each so long, s."""
-    literally(width)
-    if b.shape[1] != width:
-        return
+    lanes = 1 if width == 1 else lanes & -8
     dragged = False
-    for j in range(width):
+    for j in range(lanes):
         dragged |= b[DRAG, j] + b[DRAG + 1, j] + b[DRAG + 2, j] != 0.0
-    # In each drift drag takes a share of each body's velocity, and the body falls short of where it would have come.
-    # The drifts are symmetric, so half of them say all.
-    half = STAGES // 2
-    share = np.empty((3 * half if dragged else 0, width))
-    short = np.empty((3 * half if dragged else 0, width))  # per velocity, s
     if dragged:
-        for s in range(half):
-            drift = DRIFTS[s] * step
-            for body in range(3):
-                for j in range(width):
-                    rate = b[DRAG + body, j]
-                    if j > 0 and rate == b[DRAG + body, j - 1]:
-                        share[3 * s + body, j] = share[3 * s + body, j - 1]
-                        short[3 * s + body, j] = short[3 * s + body, j - 1]
-                    else:
-                        taken = -math.expm1(-rate * drift)
-                        share[3 * s + body, j] = taken
-                        short[3 * s + body, j] = drift - taken / rate if rate != 0.0 else 0.0
-    _guard(b, width, step)
-    _stretch(b, width)
-    for _ in range(steps):
+        _drag(b, width, lanes, step)
+    for n in range(steps + 1):
+        for j in range(lanes):
+            close1 = integrators.approaches_zero(
+                b[3, j] - b[0, j], b[4, j] - b[1, j], b[5, j] - b[2, j],
+                b[12, j] - b[9, j], b[13, j] - b[10, j], b[14, j] - b[11, j],
+                b[PHYSICS + 5, j], b[PHYSICS + 7, j], step,
+            )  # fmt: skip
+            close2 = integrators.approaches_zero(
+                b[6, j] - b[3, j], b[7, j] - b[4, j], b[8, j] - b[5, j],
+                b[15, j] - b[12, j], b[16, j] - b[13, j], b[17, j] - b[14, j],
+                b[PHYSICS + 6, j], b[PHYSICS + 8, j], step,
+            )  # fmt: skip
+            b[GUARDED, j] = 1.0 if close1 | close2 else b[GUARDED, j]
+        if n == steps:
+            break
         for s in range(STAGES):
-            _kick_and_drift(b, width, KICKS[s] * step, DRIFTS[s] * step)
-            if s == STAGES - 1:  # the last drift is none, so these forces are those of the next step's first kick
-                break
-            if dragged:
-                mirrored = min(s, STAGES - 2 - s)
+            # Springs, then kicks and drifts: in loops of their own, so that the roots and divisions of several
+            # pendulums are in flight at once. The last drift is none, so the forces of the last kick in a step are
+            # those of the first in the next.
+            if s > 0 or n == 0:
+                for j in range(lanes):
+                    force1 = physics.spring_force(
+                        b[3, j] - b[0, j], b[4, j] - b[1, j], b[5, j] - b[2, j], b[PHYSICS + 5, j], b[PHYSICS + 7, j]
+                    )
+                    force2 = physics.spring_force(
+                        b[6, j] - b[3, j], b[7, j] - b[4, j], b[8, j] - b[5, j], b[PHYSICS + 6, j], b[PHYSICS + 8, j]
+                    )
+                    b[SPRINGS, j] = force1[0]
+                    b[SPRINGS + 1, j] = force1[1]
+                    b[SPRINGS + 2, j] = force1[2]
+                    b[SPRINGS + 3, j] = force2[0]
+                    b[SPRINGS + 4, j] = force2[1]
+                    b[SPRINGS + 5, j] = force2[2]
+            kick = KICKS[s] * step
+            drift = DRIFTS[s] * step
+            for j in range(lanes):
+                a = physics.accelerations_under(
+                    b[SPRINGS, j], b[SPRINGS + 1, j], b[SPRINGS + 2, j],
+                    b[SPRINGS + 3, j], b[SPRINGS + 4, j], b[SPRINGS + 5, j],
+                    b[FORCE, j], b[FORCE + 1, j], b[FORCE + 2, j],
+                    b[PHYSICS, j], b[PHYSICS + 1, j], b[PHYSICS + 2, j], b[PHYSICS + 3, j], b[PHYSICS + 4, j],
+                    b[PHYSICS + 9, j], b[PHYSICS + 10, j],
+                )  # fmt: skip
+                v0 = b[9, j] + kick * a[0]
+                v1 = b[10, j] + kick * a[1]
+                v2 = b[11, j] + kick * a[2]
+                v3 = b[12, j] + kick * a[3]
+                v4 = b[13, j] + kick * a[4]
+                v5 = b[14, j] + kick * a[5]
+                v6 = b[15, j] + kick * a[6]
+                v7 = b[16, j] + kick * a[7]
+                v8 = b[17, j] + kick * a[8]
+                b[9, j] = v0
+                b[0, j] += drift * v0
+                b[10, j] = v1
+                b[1, j] += drift * v1
+                b[11, j] = v2
+                b[2, j] += drift * v2
+                b[12, j] = v3
+                b[3, j] += drift * v3
+                b[13, j] = v4
+                b[4, j] += drift * v4
+                b[14, j] = v5
+                b[5, j] += drift * v5
+                b[15, j] = v6
+                b[6, j] += drift * v6
+                b[16, j] = v7
+                b[7, j] += drift * v7
+                b[17, j] = v8
+                b[8, j] += drift * v8
+            if dragged and s < STAGES - 1:
+                table = 3 * min(s, STAGES - 2 - s)
                 for i in range(9):
-                    body = 3 * mirrored + i // 3
-                    for j in range(width):
+                    body = i // 3
+                    for j in range(lanes):
                         v = b[9 + i, j]
-                        b[i, j] -= short[body, j] * v
-                        b[9 + i, j] = v - share[body, j] * v
-                        b[LOST, j] += 0.5 * b[MASSES + i // 3, j] * v * v * share[body, j] * (2.0 - share[body, j])
-            _stretch(b, width)
-        _guard(b, width, step)
+                        share = b[SHARE + table + body, j]
+                        b[i, j] -= b[SHORT + table + body, j] * v
+                        b[9 + i, j] = v - share * v
+                        b[LOST, j] += 0.5 * b[MASSES + body, j] * v * v * share * (2.0 - share)
+
+
+@_compiled_for_width
+def _drag(b, width, lanes, step):
+    """What drag does in each drift: it takes a SHARE of each body's velocity, and the body falls SHORT of where it
+    would have come, s for each m/s. The drifts are symmetric, so half of them say all."""
+    literally(width)
+    if b.shape[1] != width:
+        return
+    lanes = 1 if width == 1 else lanes & -8
+    for s in range(HALF):
+        drift = DRIFTS[s] * step
+        for body in range(3):
+            for j in range(lanes):
+                rate = b[DRAG + body, j]
+                if j > 0 and rate == b[DRAG + body, j - 1]:
+                    share = b[SHARE + 3 * s + body, j - 1]
+                    short = b[SHORT + 3 * s + body, j - 1]
+                else:
+                    share = -math.expm1(-rate * drift)
+                    short = drift - share / rate if rate != 0.0 else 0.0
+                b[SHARE + 3 * s + body, j] = share
+                b[SHORT + 3 * s + body, j] = short
 
 
 @_compiled
@@ -387,7 +382,7 @@ def _adaptive(b, j, period, tolerance):
 
 
 @_compiled_for_width
-def _move(b, width, refinement, settings):
+def _move(b, width, lanes, refinement, settings):
     """One control period of the states in the buffer; those that aren't MOVED after it must be set again.
 
     By the splitting, its steps `refinement` times finer; or, where a tolerance is set or they would be finer than
@@ -396,9 +391,10 @@ def _move(b, width, refinement, settings):
     literally(width)
     if b.shape[1] != width:
         return
+    lanes = 1 if width == 1 else lanes & -8
     period = settings[PERIOD]
     tolerance = settings[TOLERANCE]
-    for j in range(width):
+    for j in range(lanes):
         b[BEFORE, j] = b[0, j]
         b[BEFORE + 1, j] = b[1, j]
         b[BEFORE + 2, j] = b[2, j]
@@ -407,12 +403,12 @@ def _move(b, width, refinement, settings):
         b[STATUS, j] = FINE
     if tolerance == 0.0 and refinement <= FINEST:
         steps = int(b[STEPS, 0]) * refinement
-        _split(b, width, steps, period / steps)
+        _split(b, width, lanes, steps, period / steps)
     else:
-        for j in range(width):
+        for j in range(lanes):
             if b[FRESH, j] == 0.0:
                 _adaptive(b, j, period, GUARD_TOLERANCE if tolerance == 0.0 else tolerance)
-    for j in range(width):
+    for j in range(lanes):
         total = (
             b[0, j] + b[1, j] + b[2, j] + b[3, j] + b[4, j] + b[5, j] + b[6, j] + b[7, j] + b[8, j]
             + b[9, j] + b[10, j] + b[11, j] + b[12, j] + b[13, j] + b[14, j] + b[15, j] + b[16, j] + b[17, j]
@@ -430,11 +426,12 @@ def _move(b, width, refinement, settings):
 
 
 @_compiled_for_width
-def _report(b, width, settings):
+def _report(b, width, lanes, settings):
     """Books work, dissipation and time; energies, reward and end, from the state."""
     literally(width)
     if b.shape[1] != width:
         return
+    lanes = 1 if width == 1 else lanes & -8
     limit = settings[DEVIATION] * settings[DEVIATION]
     travel = settings[TRAVEL]
     period = settings[PERIOD]
@@ -448,7 +445,7 @@ def _report(b, width, settings):
     weight2 = settings[WEIGHTS + 2]
     weight3 = settings[WEIGHTS + 3]
     weight4 = settings[WEIGHTS + 4]
-    for j in range(width):
+    for j in range(lanes):
         work = b[WORK, j]
         work += b[FORCE, j] * (b[0, j] - b[BEFORE, j])
         work += b[FORCE + 1, j] * (b[1, j] - b[BEFORE + 1, j])
@@ -474,7 +471,7 @@ def _report(b, width, settings):
         b[EXCESS, j] = energy - b[REST_ENERGY, j]
         b[ERROR, j] = physics.energy_error(energy - start - work + dissipated, start)
         b[STATUS, j] = NOT_FINITE if energy - energy != 0.0 else b[STATUS, j]
-    for j in range(width):
+    for j in range(lanes):
         # How far each mass is from its place relative to the anchor.
         x1 = b[3, j] - b[0, j]
         y1 = b[4, j] - b[1, j]
@@ -535,17 +532,119 @@ def _advance(cell, x, y, z):
     b[FORCE + 2, 0] = scale * min(max(z, -1.0), 1.0)
     refinement = np.int64(1)  # of a plain 1 numba would compile what is handed it a second time
     while True:
-        _move(b, 1, refinement, settings)
+        _move(b, 1, np.int64(1), refinement, settings)
         if b[MOVED, 0] == 0.0:
             for i in range(18):
                 b[i, 0] = cell[i]
         if b[GUARDED, 0] == 0.0:
             break
         refinement *= REFINEMENT
-    _report(b, 1, settings)
+    _report(b, 1, np.int64(1), settings)
     for i in range(REPORTED):
         cell[i] = b[i, 0]
     return int(b[STATUS, 0])
+
+
+@_compiled
+def _take(rows, queue, done, waiting, indices):
+    """The next pendulums of a queue that can be done together, those that need as many steps: how many.
+
+    Args:
+        queue: of pendulums; those from `done` on to before `waiting` are left, and change places.
+        indices: shape (WIDTH,), written: which pendulums; beyond their number the first one again.
+    """
+    block = queue[done] // WIDTH
+    steps = rows[block, STEPS, queue[done] % WIDTH]
+    if done + WIDTH <= waiting:
+        whole = True
+        for j in range(WIDTH):
+            whole &= (queue[done + j] == block * WIDTH + j) & (rows[block, STEPS, j] == steps)
+        if whole:
+            for j in range(WIDTH):
+                indices[j] = queue[done + j]
+            return WIDTH
+    count = 0
+    for n in range(done, waiting):
+        index = queue[n]
+        if rows[index // WIDTH, STEPS, index % WIDTH] == steps:
+            queue[n] = queue[done + count]
+            queue[done + count] = index
+            indices[count] = index
+            count += 1
+            if count == WIDTH:
+                break
+    for j in range(count, WIDTH):
+        indices[j] = indices[0]
+    return count
+
+
+@_compiled
+def _is_block(indices):
+    """Whether they are the pendulums of a block in their order, which are copied fast."""
+    same = indices[0] % WIDTH == 0
+    for j in range(WIDTH):
+        same &= indices[j] == indices[0] + j
+    return same
+
+
+@_compiled
+def _load(rows, indices, lanes, settings, actions, b):
+    """Into the buffer: the fields, and the force of the action, none for those that were just placed."""
+    if b.shape[1] != WIDTH:
+        return
+    if _is_block(indices):
+        whole = rows[indices[0] // WIDTH].reshape(FIELDS * WIDTH)
+        flat = b.reshape(b.size)
+        for n in range(FIELDS * WIDTH):
+            flat[n] = whole[n]
+    else:
+        for j in range(lanes):
+            for i in range(FIELDS):
+                b[i, j] = rows[indices[j] // WIDTH, i, indices[j] % WIDTH]
+    for i in range(3):
+        slot = int(settings[AXIS_SLOTS + i])
+        for j in range(lanes):
+            action = actions[indices[j], slot] if slot >= 0 else 0.0
+            b[FORCE + i, j] = settings[MAX_FORCE] * min(max(action, -1.0), 1.0) if b[FRESH, j] == 0.0 else 0.0
+
+
+@_compiled
+def _store(rows, indices, lanes, b, observations, outcomes, forces, ended):
+    """From the buffer: what a step changed, and what it reports."""
+    if b.shape[1] != WIDTH:
+        return
+    if _is_block(indices):
+        whole = rows[indices[0] // WIDTH].reshape(FIELDS * WIDTH)
+        flat = b.reshape(b.size)
+        for n in range(PHYSICS * WIDTH):
+            whole[n] = flat[n]
+        for i in range(REPORTED - FIELDS):
+            outcome = outcomes[i, indices[0] : indices[0] + WIDTH]
+            for j in range(WIDTH):
+                outcome[j] = b[FIELDS + i, j]
+    else:
+        for j in range(lanes):
+            for i in range(PHYSICS):
+                rows[indices[j] // WIDTH, i, indices[j] % WIDTH] = b[i, j]
+            for i in range(REPORTED - FIELDS):
+                outcomes[i, indices[j]] = b[FIELDS + i, j]
+    # Loops of constant length, which are fast: all numbers of the state, or those of the two masses.
+    if observations.shape[1] == 18:
+        for j in range(lanes):
+            observation = observations[indices[j]]
+            for i in range(18):
+                observation[i] = b[i, j]
+    else:
+        for j in range(lanes):
+            observation = observations[indices[j]]
+            for i in range(6):
+                observation[i] = b[3 + i, j]
+                observation[6 + i] = b[12 + i, j]
+    for j in range(lanes):
+        force = forces[indices[j]]
+        for i in range(3):
+            force[i] = b[FORCE + i, j]
+        ended[indices[j]] = b[ENDED, j] != 0.0
 
 
 def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces, ended):
@@ -564,11 +663,8 @@ def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces,
         ended: shape (pendulums,), written.
     """
     b = np.empty((BUFFER, WIDTH))
-    flat = b.reshape(BUFFER * WIDTH)
-    lanes = np.empty(WIDTH, dtype=np.int64)
+    indices = np.empty(WIDTH, dtype=np.int64)
     queue = np.empty(CHUNK, dtype=np.int64)
-    whole_state = observations.shape[1] == 18
-    max_force = settings[MAX_FORCE]
     worst = FINE
     for begin in range(0, wanted.size, CHUNK):
         waiting = min(CHUNK, wanted.size - begin)
@@ -579,92 +675,28 @@ def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces,
             again = 0  # those that were guarded go back to the front of the queue, to be done finer
             done = np.int64(0)
             while done < waiting:
-                # Whole blocks are copied fast.
-                block = queue[done] // WIDTH
-                together = done + WIDTH <= waiting
-                if together:
-                    for j in range(WIDTH):
-                        lanes[j] = queue[done + j]
-                    steps = rows[block, STEPS, 0]
-                    for j in range(WIDTH):
-                        together &= (lanes[j] == block * WIDTH + j) & (rows[block, STEPS, j] == steps)
-                count = np.int64(WIDTH)
-                if not together:  # the next in the queue, and others that need as many steps
-                    steps = rows[block, STEPS, queue[done] % WIDTH]
-                    count = np.int64(0)
-                    for n in range(done, waiting):
-                        index = queue[n]
-                        if rows[index // WIDTH, STEPS, index % WIDTH] == steps:
-                            queue[n] = queue[done + count]
-                            queue[done + count] = index
-                            lanes[count] = index
-                            count += 1
-                            if count == WIDTH:
-                                break
-                    for j in range(count, WIDTH):
-                        lanes[j] = lanes[0]
+                count = _take(rows, queue, done, waiting, indices)
                 done += count
-                if together:
-                    whole = rows[block].reshape(FIELDS * WIDTH)
-                    for n in range(FIELDS * WIDTH):
-                        flat[n] = whole[n]
-                else:
-                    for j in range(WIDTH):
-                        for i in range(FIELDS):
-                            b[i, j] = rows[lanes[j] // WIDTH, i, lanes[j] % WIDTH]
-                for i in range(3):
-                    slot = int(settings[AXIS_SLOTS + i])
-                    for j in range(WIDTH):
-                        action = actions[lanes[j], slot] if slot >= 0 else 0.0
-                        b[FORCE + i, j] = max_force * min(max(action, -1.0), 1.0) if b[FRESH, j] == 0.0 else 0.0
-                _move(b, WIDTH, refinement, settings)
-                remarkable = False
-                for j in range(WIDTH):
-                    remarkable |= b[MOVED, j] == 0.0
-                if remarkable:
-                    for j in range(WIDTH):
+                lanes = (count + 7) & -8
+                _load(rows, indices, lanes, settings, actions, b)
+                _move(b, WIDTH, lanes, refinement, settings)
+                stayed = False
+                for j in range(lanes):
+                    stayed |= b[MOVED, j] == 0.0
+                if stayed:
+                    for j in range(lanes):
                         if b[MOVED, j] == 0.0:
                             for i in range(18):
-                                b[i, j] = rows[lanes[j] // WIDTH, i, lanes[j] % WIDTH]
-                _report(b, WIDTH, settings)
-                if together:
-                    whole = rows[block].reshape(FIELDS * WIDTH)
-                    for n in range(PHYSICS * WIDTH):
-                        whole[n] = flat[n]
-                    for i in range(REPORTED - FIELDS):
-                        outcome = outcomes[i, block * WIDTH : (block + 1) * WIDTH]
-                        for j in range(WIDTH):
-                            outcome[j] = b[FIELDS + i, j]
-                else:
-                    for j in range(count):
-                        for i in range(PHYSICS):
-                            rows[lanes[j] // WIDTH, i, lanes[j] % WIDTH] = b[i, j]
-                        for i in range(REPORTED - FIELDS):
-                            outcomes[i, lanes[j]] = b[FIELDS + i, j]
-                # Loops of constant length, which are fast: all numbers of the state, or those of the two masses.
-                if whole_state:
-                    for j in range(WIDTH):
-                        observation = observations[lanes[j]]
-                        for i in range(18):
-                            observation[i] = b[i, j]
-                else:
-                    for j in range(WIDTH):
-                        observation = observations[lanes[j]]
-                        for i in range(6):
-                            observation[i] = b[3 + i, j]
-                            observation[6 + i] = b[12 + i, j]
-                for j in range(WIDTH):
-                    force = forces[lanes[j]]
-                    for i in range(3):
-                        force[i] = b[FORCE + i, j]
-                    ended[lanes[j]] = b[ENDED, j] != 0.0
-                for j in range(WIDTH):
-                    remarkable |= b[STATUS, j] != FINE
-                if remarkable:
+                                b[i, j] = rows[indices[j] // WIDTH, i, indices[j] % WIDTH]
+                _report(b, WIDTH, lanes, settings)
+                _store(rows, indices, lanes, b, observations, outcomes, forces, ended)
+                for j in range(lanes):
+                    stayed |= b[STATUS, j] != FINE
+                if stayed:
                     for j in range(count):
                         worst = max(worst, int(b[STATUS, j]))
                         if b[GUARDED, j] != 0.0:
-                            queue[again] = lanes[j]
+                            queue[again] = indices[j]
                             again += 1
             waiting = again
             refinement *= REFINEMENT
@@ -672,6 +704,21 @@ def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces,
 
 
 with _cache_folder() as _cached:
-    _entry = numba.njit(error_model="numpy", nogil=True, cache=_cached)
-    advance = _entry(_advance)
-    step_batch = _entry(_step_batch)
+    # A single pendulum's step is too short for letting go of Python's lock to pay.
+    advance = numba.njit(error_model="numpy", cache=_cached)(_advance)
+    step_batch = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_step_batch)
+
+
+def advance_entry() -> Callable[[NDArray[np.float64], float, float, float], int]:
+    """`advance` without numba's look at the types of its arguments, which takes a good part of a short call.
+
+    Numbers are converted to float as Python's `float` does.
+
+    Raises (the function that it returns):
+        TypeError, ValueError: an action isn't three numbers.
+    """
+    signature = numba.int64(numba.float64[::1], numba.float64, numba.float64, numba.float64)
+    advance.compile(signature)
+    compiled: Any = advance.overloads[signature.args]
+    entry: Callable[[NDArray[np.float64], float, float, float], int] = compiled.entry_point
+    return entry

@@ -178,6 +178,13 @@ class Scenario:
         """The state, shape (18,), about which episodes with the usual parameters start."""
         return vertical_state(*self.spring_heights(self.parameters))
 
+    @functools.cached_property
+    def _spread(self) -> FloatArray:
+        """Standard deviations of the start, shape (18,); nothing for the anchor."""
+        displacements = [0.0] * 3 + [self.start_scale * self.task.start_displacement] * 6
+        velocities = [0.0] * 3 + [self.start_scale * self.task.start_velocity] * 6
+        return np.array(displacements + velocities)
+
     def spring_heights(self, parameters: Parameters) -> tuple[float, float]:
         """Where the far end of each spring belongs, relative to its near end, m on the z axis.
 
@@ -211,10 +218,11 @@ class Scenario:
 
     def start_from(self, rest: FloatArray, noise: FloatArray) -> FloatArray:
         """States of shape (..., 18) about `rest` from START_NUMBERS normal random numbers each."""
-        start = np.empty((*noise.shape[:-1], 18))
-        start[...] = rest
-        start[..., 3:9] += noise[..., :6] * (self.start_scale * self.task.start_displacement)
-        start[..., 12:18] += noise[..., 6:] * (self.start_scale * self.task.start_velocity)
+        start: FloatArray = np.zeros((*noise.shape[:-1], 18))
+        start[..., 3:9] = noise[..., :6]
+        start[..., 12:18] = noise[..., 6:]
+        start *= self._spread
+        start += rest
         return start
 
     def checked_state(self, state: Any) -> FloatArray:

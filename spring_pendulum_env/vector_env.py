@@ -117,6 +117,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self._starts = Starts(num_envs, ahead=not self.scenario.randomise)
         self._constants = {name: np.full(num_envs, value) for name, value in self.scenario.parameters.as_dict().items()}
         self._unusual: BoolArray = np.zeros(num_envs, dtype=np.bool_)  # rows whose constants are drawn or set
+        self._any_unusual = False
         self._shown_constants: dict[str, FloatArray | BoolArray] | None = None
         self._no_actions = np.zeros((num_envs, len(self.scenario.actuated_axes)))
         self._all = _read_only(np.ones(num_envs, dtype=np.bool_))
@@ -230,10 +231,11 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
 
     def _place(self, rows: NDArray[np.intp], options: Mapping[str, Any]) -> None:
         """Gives rows new episodes; all of them are drawn before the first is placed, so an error changes no row."""
-        if not options and not self.scenario.randomise:  # the usual case, which is to cost little
+        usual = not options and not self.scenario.randomise  # this is to cost little
+        if usual:
             states = self.scenario.start_from(self.scenario.rest, self._starts.draw(rows))
             layout.fill(self._rows, rows, self._template, states)
-            drawn = [self.scenario.parameters] * rows.size if self._unusual[rows].any() else []
+            drawn = [self.scenario.parameters] * rows.size
         else:
             episodes = [
                 self.scenario.draw(
@@ -244,14 +246,21 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             drawn = [parameters for parameters, _ in episodes]
             fields = [self._template_of(parameters) for parameters in drawn]
             layout.fill(self._rows, rows, np.array(fields), np.array([state for _, state in episodes]))
+        if not usual or self._any_unusual:
+            self._note_constants(rows, drawn)
+        if self._renderers:
+            for row in self._renderers.keys() & set(rows.tolist()):
+                self._renderers[row].forget()
+
+    def _note_constants(self, rows: NDArray[np.intp], drawn: Sequence[Parameters]) -> None:
+        """Keeps what the infos say of the parameters of rows."""
         unusual = [parameters is not self.scenario.parameters for parameters in drawn]
         if any(unusual) or self._unusual[rows].any():
             self._unusual[rows] = unusual
+            self._any_unusual = bool(self._unusual.any())
             self._shown_constants = None
             for name, values in self._constants.items():
                 values[rows] = [getattr(parameters, name) for parameters in drawn]
-        for row in self._renderers.keys() & set(rows.tolist()) if self._renderers else ():
-            self._renderers[row].forget()
 
     def _template_of(self, parameters: Parameters) -> FloatArray:
         return self._template if parameters is self.scenario.parameters else layout.template(self.scenario, parameters)
