@@ -162,7 +162,8 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             self._observe = self._full_state.reshape(2, 9)[:, 3:].flatten
         self._force = self._cell[layout.FORCE : layout.FORCE + 3]
         self._outcome = self._cell[layout.FIELDS : layout.REPORTED]
-        self._advance = kernels.advance_entry()
+        adaptively = self.scenario.tolerance is not None
+        self._advance = kernels.entry(kernels.advance_adaptively if adaptively else kernels.advance)
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the window, the compiled step and the views, which would be copied apart from what they show."""
@@ -240,6 +241,8 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
                 status = self._advance(self._cell, *self._checked_action(action))
         else:
             status = self._advance(self._cell, *self._checked_action(action))
+        if status == layout.UNFINISHED:
+            status = kernels.advance_adaptively(self._cell, *self._checked_action(action))
         if status != layout.FINE:
             self._refuse(status, action)
         if self.render_mode == "human":

@@ -47,10 +47,22 @@ ENDED = REWARD + 1  # 1 where the task's condition to end is met
 ELAPSED = ENDED + 1  # CLOCK
 REPORTED = ELAPSED + 1
 
+# What the compiled step keeps of a pendulum while it works, after that.
+STAGES = len(integrators.KICKS)
+HALF = STAGES // 2  # of the drifts
+SPRINGS = REPORTED  # 6: forces of both springs, N
+BEFORE = SPRINGS + 6  # 3: where the anchor was before the step
+GUARDED = BEFORE + 3  # 1 where a spring came too close to zero length for the splitting
+LOST = GUARDED + 1  # what drag took in this step, J
+MOVED = LOST + 1  # 1 where the step counts
+SHARE = MOVED + 1  # 3 for each of half the drifts: what drag does, see schemes.py
+SHORT = SHARE + 3 * HALF
+BUFFER = SHORT + 3 * HALF
+
 CHUNK = 2048
 """Pendulums that are done before the next ones, to stay in the processor's cache."""
 
-FINE, BAD_ACTION, NOT_FINITE, TOO_MANY_STEPS = range(4)
+FINE, BAD_ACTION, NOT_FINITE, TOO_MANY_STEPS, UNFINISHED = range(5)  # the last: left to the adaptive scheme
 
 # The numbers that all pendulums of an environment share, in `settings`, in the order of `settings_of`.
 (

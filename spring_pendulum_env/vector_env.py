@@ -270,22 +270,35 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         return states if self.scenario.task.actuated else states[:, BODY_STATE]
 
     def _report_placed(self, rows: NDArray[np.intp], results: _Results) -> None:
-        self._check(kernels.step_batch(self._rows, rows, self._settings, self._no_actions, *results))
+        self._check(self._advance_rows(rows, self._no_actions, results))
 
     def _advance(self, actions: FloatArray, results: _Results) -> None:
-        def advance(share: NDArray[np.intp]) -> int:
-            status: int = kernels.step_batch(self._rows, share, self._settings, actions, *results)
-            return status
-
         if self._pool is None:
-            self._check(advance(self._shares[0]))
+            self._check(self._advance_rows(self._shares[0], actions, results))
         else:
-            self._check(max(self._pool.map(advance, self._shares)))
+            each = (itertools.repeat(argument) for argument in (actions, results))
+            self._check(max(self._pool.map(self._advance_rows, self._shares, *each)))
+
+    def _advance_rows(self, rows: NDArray[np.intp], actions: FloatArray, results: _Results) -> int:
+        """One control period of some rows; the largest STATUS."""
+        arguments = (self._settings, actions, *results)
+        if self.scenario.tolerance is not None:
+            return int(kernels.step_batch_adaptively(self._rows, rows, *arguments))
+        status = int(kernels.step_batch(self._rows, rows, *arguments))
+        if status == layout.UNFINISHED:
+            left = rows[self._statuses()[rows] == layout.UNFINISHED]
+            kernels.step_batch_adaptively(self._rows, left, *arguments)
+            status = int(self._statuses()[rows].max())
+        return status
+
+    def _statuses(self) -> FloatArray:
+        statuses: FloatArray = self._rows[:, layout.STATUS].reshape(-1)[: self.num_envs]
+        return statuses
 
     def _check(self, status: int) -> None:
         if status != layout.FINE:
-            stati = self._rows[:, layout.STATUS].reshape(-1)[: self.num_envs]
-            raise FloatingPointError(f"rows {_some(np.flatnonzero(stati != layout.FINE))}: {failure(status)}")
+            wrong = np.flatnonzero(self._statuses() != layout.FINE)
+            raise FloatingPointError(f"rows {_some(wrong)}: {failure(status)}")
 
     def _checked_actions(self, actions: Any) -> FloatArray:
         shape = (self.num_envs, len(self.scenario.actuated_axes))
