@@ -98,6 +98,42 @@ def test_guard_was_met_in_these_comparisons() -> None:
     assert shortest < 0.05
 
 
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_starts_drawn_ahead_are_those_of_single_environments(mode: AutoresetMode) -> None:
+    """Without randomised parameters the rows' random numbers are drawn some starts ahead."""
+    ours = gym.make_vec(DAMPING, num_envs=70, autoreset_mode=mode, max_episode_steps=4)
+    theirs = SyncVectorEnv([lambda: gym.make(DAMPING, max_episode_steps=4)] * 70, autoreset_mode=mode)
+    assert compare(ours, theirs, 60) >= 700
+    state = {"state": np.zeros(18)}  # a start that takes no random numbers, then one that goes on with them
+    for options in (state, None, {"parameters": {"m2": 2.0}}, None):
+        ours_again = ours.reset(options=options)[0]
+        singles = [env.reset(options=options)[0] for env in theirs.envs]
+        assert ours_again.tobytes() == np.array(singles).tobytes()
+
+
+def test_rows_beyond_the_splitting_equal_single_environments() -> None:
+    """Springs so close to zero length that only the adaptive scheme will do, beside others and beside bad luck."""
+    states = np.zeros((70, 18))
+    states[:, 5], states[:, 8] = -1.2, -2.3
+    states[3:70:5, 3:6] = [1e-3, 0.0, -1e-3]
+    states[3:70:5, 12:15] = np.random.default_rng(0).normal(size=(14, 3))
+    env: Any = gym.make_vec(DAMPING, num_envs=70)
+    env.reset(options={"state": states})
+    stepped, rewards, _, _, infos = env.step(np.full((70, 3), 0.1))
+    for row in range(70):
+        single = gym.make(DAMPING)
+        single.reset(options={"state": states[row]})
+        observation, reward, _, _, info = single.step(np.full(3, 0.1))
+        assert observation.tobytes() == stepped[row].tobytes()
+        assert (reward, info["energy_error"]) == (rewards[row], infos["energy_error"][row])
+    assert infos["energy_error"].max() < 1e-10
+
+    # Where one of them also leaves the range of numbers, it is named.
+    states[5, 9:] = 1e200
+    with pytest.raises(FloatingPointError, match="rows 5"):
+        env.reset(options={"state": states})
+
+
 def test_row_is_reset_with_seed_plus_its_number() -> None:
     env = gym.make_vec(DAMPING, num_envs=5)
     observations, _ = env.reset(seed=11)
