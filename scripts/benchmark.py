@@ -1,7 +1,8 @@
 """How fast the environments are beside others of their kind: ratios from one run, on one core.
 
 In every round each subject runs once for a short while; ratios are formed within a round, so that what else the
-machine does meanwhile falls on both sides, and medians and quartiles are taken over the rounds.
+machine does meanwhile falls on both sides, and medians and quartiles are taken over the rounds. The clock counts the
+seconds that the processor gives to this process and its threads, so that a busy machine changes little.
 """
 
 from __future__ import annotations
@@ -90,6 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 SECTIONS[name](bench)
             except SkippedError as error:
                 bench.say(str(error))
+    about["share of the core"] = round(bench.spent / bench.passed, 3) if bench.passed else None
     print(headline(about))
     print(f"medians of {effort.rounds} rounds ({effort.passive_rounds} of the passive runs); x: times as fast\n")
     print(table(bench.records))

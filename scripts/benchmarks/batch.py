@@ -8,7 +8,7 @@ import numpy as np
 
 import spring_pendulum_env
 from benchmarks.environments import DAMPING, ENDLESS, envpool_batch, gymnasium_batch, gymnax_batch
-from benchmarks.measuring import Bench, FloatArray, Target, installed, interleaved
+from benchmarks.measuring import Bench, FloatArray, Target, installed
 from benchmarks.mujoco_peer import mujoco_batch
 
 MUST_REACH: dict[str, Target] = {
@@ -40,7 +40,7 @@ def measure(bench: Bench) -> None:
         if size > 1024:
             makers.append(partial(gymnasium_batch, DAMPING, 1024, "ours at 1,024", warm_up))
         subjects = installed(makers, bench.say)
-        ours, *others = interleaved(subjects, bench.effort.rounds, bench.effort.chunk)
+        ours, *others = bench.timings(subjects)
         for subject, theirs in zip(subjects[1:], others, strict=True):
             target = MUST_REACH.get(subject.name) if size == 1024 else None
             target = LARGEST_GROWTH if subject.name == "ours at 1,024" else target

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 
 from benchmarks.environments import NEVER, PASSIVE
-from benchmarks.measuring import Bench, FloatArray, Subject, Target, interleaved, repeated
+from benchmarks.measuring import Bench, FloatArray, Subject, Target, repeated
 from benchmarks.mujoco_peer import mujoco_batch, mujoco_model, mujoco_run
 from spring_pendulum_env import Parameters, simulate
 
@@ -44,7 +44,7 @@ def measure_beside_mujoco(bench: Bench, motion: str, start: FloatArray) -> None:
         Subject("vector environment of 1,024, a row", repeated(partial(batch.step, None)), 1024),
         mujoco_batch(start, 64, substeps, actuated=False),
     ]
-    one, theirs, row, their_row = interleaved(subjects, bench.effort.rounds, bench.effort.chunk)
+    one, theirs, row, their_row = bench.timings(subjects)
     beside, more = "this system in MuJoCo", f"; {substeps} steps of RK4 in MuJoCo for one of ours"
     what = f"{motion}, error {allowed:.1e} after 10 s"
     bench.compare("passive", f"{what}: environment", one.whole, beside, theirs.whole, MUST_REACH, more)

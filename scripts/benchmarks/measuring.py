@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 from benchmarks.report import Record, number
 
 FloatArray = NDArray[np.float64]
+clock = time.process_time
+"""Seconds that the processor spent on this process and its threads: on one core those of a clock on the wall, but for
+what other processes do there meanwhile."""
 Target = tuple[str, float]
 """What a figure must reach: "at least" or "at most", and the number."""
 
@@ -33,7 +36,7 @@ class Subject:
 
     name: str
     run: Callable[[int], float]
-    """Makes so many calls; returns the seconds of them that went into resets, where they are taken apart, or 0."""
+    """Makes so many calls; returns the seconds by `clock` that went into resets, where these are taken apart, or 0."""
     steps: float = 1.0
     """Environment steps in a call: the number of environments of a batch."""
 
@@ -84,6 +87,14 @@ class Effort:
 QUICK = Effort(rounds=3, warm_up=30, horizon=100, passive_rounds=2, passive_rows=64, starts=2)
 
 
+@dataclass(frozen=True)
+class Timing:
+    """Seconds for one step of one environment, one value for each round."""
+
+    whole: FloatArray
+    without_resets: FloatArray
+
+
 @dataclass
 class Bench:
     """What was found so far."""
@@ -92,12 +103,33 @@ class Bench:
     records: list[Record] = field(default_factory=list)
     curves: dict[str, Any] = field(default_factory=dict)
     said: set[str] = field(default_factory=set)
+    spent: float = 0.0
+    """Seconds by `clock` that timed subjects took."""
+    passed: float = 0.0
+    """Seconds that meanwhile passed on the wall."""
 
     def say(self, line: str) -> None:
         """One line for whoever waits, once."""
         if line not in self.said:
             print(line, file=sys.stderr, flush=True)
         self.said.add(line)
+
+    def timings(self, subjects: Sequence[Subject], rounds: int | None = None) -> list[Timing]:
+        """Times every subject once in each round, each time for at least `effort.chunk` seconds."""
+        rounds = rounds or self.effort.rounds
+        calls = [_calls_for(subject, self.effort.chunk) for subject in subjects]
+        whole, alone = np.empty((len(subjects), rounds)), np.empty((len(subjects), rounds))
+        for turn in range(rounds):
+            for place, subject in enumerate(subjects):
+                gc.collect()
+                entered, begin = time.perf_counter(), clock()
+                resets = subject.run(calls[place])
+                spent = clock() - begin
+                self.spent += spent
+                self.passed += time.perf_counter() - entered
+                whole[place, turn] = spent / (calls[place] * subject.steps)
+                alone[place, turn] = (spent - resets) / (calls[place] * subject.steps)
+        return [Timing(*pair) for pair in zip(whole, alone, strict=True)]
 
     def add(
         self, section: str, what: str, beside: str, values: Any, unit: str, target: Target | None = None, how: str = ""
@@ -131,44 +163,21 @@ def duration(seconds: Any) -> str:
     return f"{number(middle)} s"
 
 
-@dataclass(frozen=True)
-class Timing:
-    """Seconds for one step of one environment, one value for each round."""
-
-    whole: FloatArray
-    without_resets: FloatArray
-
-
-def interleaved(subjects: Sequence[Subject], rounds: int, chunk: float) -> list[Timing]:
-    """Times every subject once in each round, each time for at least `chunk` seconds, in the order given."""
-    calls = [_calls_for(subject, chunk) for subject in subjects]
-    whole, alone = np.empty((len(subjects), rounds)), np.empty((len(subjects), rounds))
-    for turn in range(rounds):
-        for place, subject in enumerate(subjects):
-            gc.collect()
-            begin = time.perf_counter()
-            resets = subject.run(calls[place])
-            spent = time.perf_counter() - begin
-            whole[place, turn] = spent / (calls[place] * subject.steps)
-            alone[place, turn] = (spent - resets) / (calls[place] * subject.steps)
-    return [Timing(*pair) for pair in zip(whole, alone, strict=True)]
-
-
 SLOW = 5.0
 """Seconds of a call after which nothing need be repeated or warmed up."""
 
 
 def _calls_for(subject: Subject, chunk: float) -> int:
     """How many calls take that long; making them also warms the subject up, and the first compiles."""
-    begin = time.perf_counter()
+    begin = clock()
     subject.run(1)
-    if time.perf_counter() - begin > SLOW:
+    if clock() - begin > SLOW:
         return 1
     calls = 1
     while True:
-        begin = time.perf_counter()
+        begin = clock()
         subject.run(calls)
-        spent = time.perf_counter() - begin
+        spent = clock() - begin
         if spent >= chunk:
             return max(1, math.ceil(calls * chunk / spent))
         calls *= 2 if spent < 0.1 * chunk else max(2, math.ceil(chunk / spent))

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.environments import DAMPING, ENDLESS, gymnasium_batch
 from benchmarks.inside import CALM, advanced, placed, require, stepping
-from benchmarks.measuring import Bench, Subject, interleaved, repeated
+from benchmarks.measuring import Bench, Subject, repeated
 from benchmarks.report import number
 from spring_pendulum_env import integrators, physics, tasks
 
@@ -31,7 +31,7 @@ def measure(bench: Bench) -> None:
             Subject("longer", repeated(partial(advanced, *placed(size, start_scale=CALM, control_period=0.1))), size),
             divider,
         ]
-        timings = interleaved(subjects, bench.effort.rounds, bench.effort.chunk)
+        timings = bench.timings(subjects)
         ending, whole, compiled, moved, calmly, extended, limit = (timing.whole * 1e6 for timing in timings)
         integrate = (extended - calmly) / 4
         parts = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from benchmarks.equal_error import measure_beside_mujoco
 from benchmarks.inside import loop_solver
-from benchmarks.measuring import Bench, FloatArray, SkippedError, Subject, Target, interleaved
+from benchmarks.measuring import Bench, FloatArray, SkippedError, Subject, Target, clock
 from benchmarks.solvers import Solver, environment_solver, heyoka_solver, scipy_solver, vector_solver
 from spring_pendulum_env import Parameters, energy
 
@@ -80,7 +79,7 @@ def _passive_at_equal_energy_error(bench: Bench, motion: str, start: FloatArray)
         compiled = scipy_solver(Parameters(), start, times, compiled=True)
         runs["SciPy DOP853, compiled equations"] = (compiled, chosen["SciPy DOP853"]["setting"], 1)
     subjects = [Subject(name, _calling(solver, setting), share) for name, (solver, setting, share) in runs.items()]
-    timings = interleaved(subjects, bench.effort.passive_rounds, bench.effort.chunk)
+    timings = bench.timings(subjects, bench.effort.passive_rounds)
     seconds = {subject.name: timing.whole for subject, timing in zip(subjects, timings, strict=True)}
 
     row = "vector environment, splitting, a row"
@@ -110,13 +109,13 @@ def _swept(solve: Solver, settings: Sequence[Any], start: FloatArray) -> list[di
     swept: list[dict[str, Any]] = []
     for setting in settings:
         enough = bool(swept) and swept[-1]["error"] <= ENERGY_ERROR
-        begin = time.perf_counter()
+        begin = clock()
         states = solve(setting)
-        spent = time.perf_counter() - begin
+        spent = clock() - begin
         if spent < 1.0:  # the first call may have compiled
-            begin = time.perf_counter()
+            begin = clock()
             solve(setting)
-            spent = time.perf_counter() - begin
+            spent = clock() - begin
         error = float(np.abs(energy(Parameters(), states) - first).max() / abs(first))
         swept.append({"setting": setting, "seconds": spent, "error": error})
         if enough:

@@ -110,10 +110,9 @@ def headline(about: Mapping[str, Any]) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in about["versions"].items())
     pinned = about["pinned to core"]
     where = f"core {pinned[0]} of {about['cores of the machine']}" if isinstance(pinned, list) else pinned
-    return (
-        f"{about['cpu']}, {where}, load {about['load when it began']}; {about['system']}, "
-        f"Python {about['python']}\n{versions}"
-    )
+    if about.get("share of the core") is not None:
+        where += f" ({about['share of the core']:.0%} of its time)"
+    return f"{about['cpu']}, {where}; {about['system']}, Python {about['python']}\n{versions}"
 
 
 def save(folder: Path, about: Mapping[str, Any], records: Sequence[Record], curves: Mapping[str, Any]) -> None:

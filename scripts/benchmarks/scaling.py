@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.environments import DAMPING, ENDLESS, gymnasium_batch
 from benchmarks.inside import integration_steps
-from benchmarks.measuring import Bench, Timing, duration, interleaved, printed_number
+from benchmarks.measuring import Bench, Timing, duration, printed_number
 from spring_pendulum_env import Parameters
 
 
@@ -22,7 +22,7 @@ def measure(bench: Bench) -> None:
             gymnasium_batch(DAMPING, count, "ours", warm_up, **arguments)
             for count, warm_up in zip(effort.counts, warm_ups, strict=True)
         ]
-        timings = interleaved(subjects, effort.rounds, effort.chunk)
+        timings = bench.timings(subjects)
         for count, timing in zip(effort.counts, timings, strict=True):
             how = f"{duration(timing.whole * count)} a step of the batch"
             what = f"{count:,} environment{'s' if count > 1 else ''}{name}, each"
@@ -37,7 +37,7 @@ def measure(bench: Bench) -> None:
         arguments = {"parameters": {"k1": k, "k2": k}, "start_scale": min(1.0, math.sqrt(100.0 / k)), **ENDLESS}
         steps.append(integration_steps(0.02, Parameters(k1=k, k2=k).constants()))
         subjects.append(gymnasium_batch(DAMPING, environments, f"k = {k:g}", 10, **arguments))
-    timings = interleaved(subjects, effort.rounds, effort.chunk)
+    timings = bench.timings(subjects)
     for k, count, timing in zip(stiffnesses, steps, timings, strict=True):
         how = f"{count} integration step{'s' if count > 1 else ''} a control period"
         bench.add("scaling", f"k = {k:,.0f} N/m, each of {environments:,}", "", timing.whole * 1e6, "µs", None, how)
