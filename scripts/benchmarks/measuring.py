@@ -115,12 +115,19 @@ class Bench:
         self.said.add(line)
 
     def timings(self, subjects: Sequence[Subject], rounds: int | None = None) -> list[Timing]:
-        """Times every subject once in each round, each time for at least `effort.chunk` seconds."""
+        """Times every subject once in each round, each time for at least `effort.chunk` seconds.
+
+        Each round begins with another subject, so that none always finds the caches as the same one left them.
+        """
         rounds = rounds or self.effort.rounds
         calls = [_calls_for(subject, self.effort.chunk) for subject in subjects]
         whole, alone = np.empty((len(subjects), rounds)), np.empty((len(subjects), rounds))
+        order = list(enumerate(subjects))
+        gc.collect()
+        gc.freeze()  # what is there by now isn't looked through again, by whatever peer's modules it may be
         for turn in range(rounds):
-            for place, subject in enumerate(subjects):
+            first = turn % len(order)
+            for place, subject in order[first:] + order[:first]:
                 gc.collect()
                 entered, begin = time.perf_counter(), clock()
                 resets = subject.run(calls[place])
@@ -129,6 +136,7 @@ class Bench:
                 self.passed += time.perf_counter() - entered
                 whole[place, turn] = spent / (calls[place] * subject.steps)
                 alone[place, turn] = (spent - resets) / (calls[place] * subject.steps)
+        gc.unfreeze()
         return [Timing(*pair) for pair in zip(whole, alone, strict=True)]
 
     def add(
