@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
 
 import spring_pendulum_env  # noqa: F401 (registers the ids)
 from benchmarks.measuring import FloatArray, SkippedError, Subject, clock, peer
@@ -71,18 +72,27 @@ def single_steps(env_id: str, name: str | None = None) -> Subject:
     return Subject(name or env_id, run)
 
 
-def _batch(name: str, env: Any, actions: Sequence[Any], warm_up: int) -> Subject:
-    """Full steps of a vector environment; warmed up, so that its rows end and start anew at different times."""
-    cycle = itertools.cycle(actions)
+def _batch(name: str, env: Any, pool: NDArray[Any], warm_up: int) -> Subject:
+    """Full steps of a vector environment; warmed up, so that its rows end and start anew at different times.
+
+    Args:
+        name: as the table says it.
+        env: what is stepped.
+        pool: random actions, PREPARED more than there are rows. Each step's are a window of it, so that a row gets
+            PREPARED different ones: with few of them, their mean drives the rows off and ends episodes early.
+        warm_up: steps.
+    """
+    offsets = itertools.cycle(np.random.default_rng(0).permutation(PREPARED).tolist())
+    count = env.num_envs
     env.reset(seed=0)
 
     def run(calls: int) -> float:
-        for _, action in zip(range(calls), cycle, strict=False):
-            env.step(action)
+        for _, offset in zip(range(calls), offsets, strict=False):
+            env.step(pool[offset : offset + count])
         return 0.0
 
     run(warm_up)
-    return Subject(name, run, env.num_envs)
+    return Subject(name, run, count)
 
 
 def gymnasium_batch(
@@ -90,20 +100,21 @@ def gymnasium_batch(
 ) -> Subject:
     """A Gymnasium vector environment under random actions: the native one, or mode "sync"."""
     env = gym.make_vec(env_id, num_envs=num_envs, vectorization_mode=mode, **arguments)
-    env.action_space.seed(0)
-    return _batch(name, env, [env.action_space.sample() for _ in range(16)], warm_up)
+    actions = batch_space(env.single_action_space, num_envs + PREPARED)
+    actions.seed(0)
+    return _batch(name, env, actions.sample(), warm_up)
 
 
 def envpool_batch(env_id: str, num_envs: int) -> Subject:
     """EnvPool on one thread."""
     env = peer("envpool").make(env_id, env_type="gymnasium", num_envs=num_envs, num_threads=1, seed=0)
     random = np.random.default_rng(0)
+    number = num_envs + PREPARED
     if isinstance(env.action_space, gym.spaces.Discrete):
-        actions: list[Any] = [random.integers(0, env.action_space.n, num_envs).astype(np.int32) for _ in range(16)]
+        pool = random.integers(0, env.action_space.n, number).astype(np.int32)
     else:
-        actions = [random.uniform(-2, 2, (num_envs, 1)).astype(np.float32) for _ in range(16)]
-    subject = _batch(f"EnvPool {env_id}", _Seedless(env, num_envs), actions, 20)
-    return Subject(subject.name, subject.run, num_envs)
+        pool = random.uniform(-2, 2, (number, 1)).astype(np.float32)
+    return _batch(f"EnvPool {env_id}", _Seedless(env, num_envs), pool, 20)
 
 
 @dataclass(frozen=True)
