@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-from benchmarks import batch, parts, passive, scaling, single, start
+from benchmarks import batch, equal_error, parts, passive, scaling, single, start
 from benchmarks.measuring import QUICK, Bench, Effort, SkippedError
 from benchmarks.pictures import draw
 from benchmarks.report import headline, machine, save, table
@@ -33,6 +33,7 @@ SECTIONS: Mapping[str, Callable[[Bench], None]] = {
     "single": single.measure,
     "batch": batch.measure,
     "passive": passive.measure,
+    "mujoco": equal_error.measure,
     "scaling": scaling.measure,
     "parts": parts.measure,
     "start": start.measure,
@@ -76,9 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = options(arguments)
     effort = QUICK if given.quick else Effort()
     if given.rounds is not None:
-        effort = Effort(
-            **{**vars(effort), "rounds": given.rounds, "passive_rounds": given.rounds, "starts": given.rounds}
-        )
+        effort = Effort(**{**vars(effort), "rounds": given.rounds, "slow_rounds": given.rounds, "starts": given.rounds})
     warnings.filterwarnings("ignore")  # the peers' own
     gym.logger.min_level = gym.logger.ERROR
     pin_to_one_core()
@@ -93,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 bench.say(str(error))
     about["share of the core"] = round(bench.spent / bench.passed, 3) if bench.passed else None
     print(headline(about))
-    print(f"medians of {effort.rounds} rounds ({effort.passive_rounds} of the passive runs); x: times as fast\n")
+    print(f"medians of {effort.rounds} rounds ({effort.slow_rounds} beside SciPy); x: times as fast\n")
     print(table(bench.records))
     about["effort"] = vars(effort)
     save(given.folder, about, bench.records, bench.curves)

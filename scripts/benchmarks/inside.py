@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from benchmarks.measuring import FloatArray, SkippedError
-from benchmarks.solvers import Solver
 
 MISSING = ""
 """What of the package's inside isn't there any more."""
@@ -69,37 +66,3 @@ def stepping(rows: FloatArray, settings: FloatArray, size: int) -> Callable[[], 
     outcomes = np.empty((STATUS - CLOCK, size))
     outputs = (np.empty((size, 18)), outcomes, np.empty((size, 3)), np.empty(size, dtype=np.bool_))
     return partial(step_batch, rows, 0, size, settings, actions, *outputs)
-
-
-@functools.cache
-def _compiled_loop() -> Any:
-    """A compiled loop around the compiled step."""
-    import numba
-
-    def loop(rows: Any, settings: Any, states: Any, per_second: Any) -> None:
-        for sample in range(1, states.shape[0]):
-            for _ in range(per_second):
-                advance(rows, 0, 1, settings)
-            states[sample] = rows[0, :18, 0]
-
-    return numba.njit(error_model="numpy")(loop)
-
-
-def loop_solver(start: FloatArray, times: FloatArray) -> Solver:
-    """The compiled step called from a compiled loop: what the environment costs without Python around it."""
-    require("compiled loop")
-    compiled = _compiled_loop()
-
-    def solve(per_second: int) -> FloatArray:
-        scenario = Scenario.of(tasks.task_named("passive"), control_period=1 / per_second, tolerance=None)
-        rows = np.zeros((1, FIELDS, 1))
-        full = scenario.checked_state(start)
-        fill(rows, 0, template(scenario, scenario.parameters), full)
-        settings = settings_of(scenario)
-        advance(rows, 0, 1, settings)  # only reports what was just placed
-        states = np.empty((len(times), 18))
-        states[0] = full
-        compiled(rows, settings, states, per_second)
-        return np.concatenate([states[:, 3:9], states[:, 12:18]], axis=1)
-
-    return solve

@@ -79,12 +79,13 @@ class Effort:
     counts: tuple[int, ...] = tuple(4**power for power in range(9))
     horizon: int = 1000
     """Length of a passive run, s."""
-    passive_rounds: int = 3
+    slow_rounds: int = 3
+    """Rounds of what takes minutes."""
     passive_rows: int = 256
     starts: int = 7
 
 
-QUICK = Effort(rounds=3, warm_up=30, horizon=100, passive_rounds=2, passive_rows=64, starts=2)
+QUICK = Effort(rounds=3, warm_up=30, horizon=100, slow_rounds=2, passive_rows=64, starts=2)
 
 
 @dataclass(frozen=True)

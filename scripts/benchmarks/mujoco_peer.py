@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -55,18 +56,22 @@ def mujoco_model(parameters: Parameters, substeps: int, *, actuated: bool, max_f
     return model
 
 
-def mujoco_run(
-    model: Any, start: FloatArray, periods: int, substeps: int, action: FloatArray | None = None
-) -> FloatArray:
-    """The state after so many control periods, positions and then velocities; one MjData, stepped in C."""
+def mujoco_runner(model: Any, substeps: int) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """From a start and actions, shape (control periods, actuators), to the state after them, positions and then
+    velocities; `substeps` integration steps for each action, stepped in C."""
     mujoco = peer("mujoco")
     data = mujoco.MjData(model)
-    data.qpos[:], data.qvel[:] = np.split(start, 2)
-    if action is not None:
-        data.ctrl[:] = action
-    for _ in range(periods):
-        mujoco.mj_step(model, data, nstep=substeps)
-    return np.concatenate([data.qpos, data.qvel])
+
+    def run(start: FloatArray, actions: FloatArray) -> FloatArray:
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:] = np.split(start, 2)
+        control = data.ctrl
+        for action in actions:
+            control[:] = action
+            mujoco.mj_step(model, data, nstep=substeps)
+        return np.concatenate([data.qpos, data.qvel])
+
+    return run
 
 
 def mujoco_batch(start: FloatArray, num_envs: int, substeps: int, *, actuated: bool) -> Subject:

@@ -1,136 +1,212 @@
-"""Long runs without a force."""
+"""Long runs of the passive pendulum: time at equal energy error, for one trajectory and for many.
+
+The energy error is the largest relative one at any of the sampling times. Each solver gets the cheapest setting with
+which it is small enough: its settings stand on a ladder from coarse to fine, a search finds the rung from which on it
+is, and the fastest of that rung and the next finer ones is taken.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from benchmarks.equal_error import measure_beside_mujoco
-from benchmarks.inside import loop_solver
-from benchmarks.measuring import Bench, FloatArray, SkippedError, Subject, Target, clock
-from benchmarks.solvers import Solver, environment_solver, heyoka_solver, scipy_solver, vector_solver
-from spring_pendulum_env import Parameters, energy
+from benchmarks.measuring import Bench, FloatArray, SkippedError, Subject, Target, clock, repeated
+from benchmarks.solvers import (
+    MOTIONS,
+    Solver,
+    compiled_scipy_solver,
+    environment_solver,
+    fewest_calls,
+    heyoka_batch_solver,
+    heyoka_lanes,
+    heyoka_solver,
+    scipy_solver,
+    vector_solver,
+)
+from spring_pendulum_env import Parameters, energy, integrators
 
 HEYOKA: Target = ("at least", 1.0)
 SCIPY: Target = ("at least", 300.0)
-
-
 ENERGY_ERROR = 1e-10
-MOTIONS = {
-    "regular": np.array([0.1, 0.0, -1.25, 0.25, 0.05, -2.35, 0.0, 0.1, 0.0, 0.0, 0.2, 0.0]),
-    "violent": np.array([0.26, 0.64, -1.08, 0.86, -0.12, -2.85, -1.55, -1.21, 0.62, -0.85, 0.2, 1.54]),
-}
-"""Starts of the passive pendulum: a small swing; 53 J above rest, chaotic, with springs never shorter than 0.15 m."""
+SAMPLES = 101
+"""Instants at which the energy is looked at, the first and the last among them."""
+FINER = 2
+"""How many finer settings must be accurate too, lest one that is so by chance is taken."""
+
+SPLITTING, ADAPTIVE = "environment, splitting", "environment, adaptive"
+VECTOR = "vector environment, splitting"
+HEYOKA_ONE, HEYOKA_MANY = "heyoka", "heyoka, batch mode"
+SCIPY_ONE, SCIPY_COMPILED = "SciPy DOP853", "SciPy DOP853, compiled equations"
+Pair = tuple[str, str, Target | None]
+FAST_PAIRS: list[Pair] = [
+    (SPLITTING, HEYOKA_ONE, HEYOKA),
+    (ADAPTIVE, HEYOKA_ONE, HEYOKA),
+    (VECTOR, HEYOKA_MANY, HEYOKA),
+]
+SLOW_PAIRS: list[Pair] = [
+    (SPLITTING, SCIPY_ONE, SCIPY),
+    (VECTOR, SCIPY_ONE, SCIPY),
+    (SPLITTING, SCIPY_COMPILED, None),
+]
+
+
+@dataclass(frozen=True)
+class Point:
+    """What a setting gave."""
+
+    setting: Any
+    description: str
+    seconds: float
+    error: float
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A solver, its settings from coarse to fine, and how many trajectories it runs at once."""
+
+    make: Callable[[], Solver]
+    ladder: Sequence[Any]
+    trajectories: int = 1
 
 
 def measure(bench: Bench) -> None:
-    """Long runs without a force: time at equal energy error, and against MuJoCo at equal error after 10 s."""
+    """Each motion."""
     bench.curves["passive"] = {}
     for motion, start in MOTIONS.items():
-        _passive_at_equal_energy_error(bench, motion, start)
-        try:
-            measure_beside_mujoco(bench, motion, start)
-        except SkippedError as error:
-            bench.say(str(error))
+        _measure_motion(bench, motion, start)
 
 
-def _passive_at_equal_energy_error(bench: Bench, motion: str, start: FloatArray) -> None:
-    horizon = bench.effort.horizon
-    times = np.arange(horizon + 1.0)
-    rows = bench.effort.passive_rows
-    what = f"{motion}, {horizon:,} s"
-    sweeps: dict[str, tuple[Callable[[], Solver], Sequence[Any]]] = {
-        "environment, splitting": (partial(environment_solver, start, times), STEPS_PER_SECOND),
-        "environment, adaptive": (
-            partial(environment_solver, start, times),
-            (1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13),
-        ),
-        "heyoka": (partial(heyoka_solver, Parameters(), start, times), TOLERANCES),
-        "SciPy DOP853": (partial(scipy_solver, Parameters(), start, times, compiled=False), TOLERANCES[5::2]),
-    }
-    points: dict[str, list[dict[str, Any]]] = {}
-    solvers: dict[str, Solver] = {}
-    for name, (make, settings) in sweeps.items():
+def _measure_motion(bench: Bench, motion: str, start: FloatArray) -> None:
+    effort = bench.effort
+    times = np.linspace(0.0, effort.horizon, SAMPLES)
+    contestants: dict[str, Contestant] = {}
+    curves: dict[str, list[dict[str, Any]]] = {}
+    for name, entry in _entries(bench, start, times).items():
         try:
-            solvers[name] = make()
+            solve = entry.make()
         except SkippedError as error:
             bench.say(str(error))
             continue
-        points[name] = _swept(solvers[name], settings, start)
-    bench.curves["passive"][motion] = {"horizon": horizon, "solvers": points}
-    chosen = {name: _cheapest(swept) for name, swept in points.items()}
-    for name in [name for name, point in chosen.items() if point is None]:
-        bench.say(f"{name}: no setting reaches an energy error of {ENERGY_ERROR:g} over {what}, left out")
-        del chosen[name]
-    best = min((name for name in chosen if name.startswith("environment")), key=lambda name: chosen[name]["seconds"])
-
-    runs: dict[str, tuple[Solver, Any, int]] = {name: (solvers[name], chosen[name]["setting"], 1) for name in chosen}
-    if "environment, splitting" in chosen:  # the same bits, so the same setting
-        steps = chosen["environment, splitting"]["setting"]
-        runs["compiled loop, splitting"] = (loop_solver(start, times), steps, 1)
-        runs["vector environment, splitting, a row"] = (vector_solver(start, times, rows), steps, rows)
-    if "heyoka" in chosen:
-        tolerance = chosen["heyoka"]["setting"]
-        runs["heyoka, a batch of 8, a row"] = (heyoka_solver(Parameters(), start, times, 8), tolerance, 8)
-    if "SciPy DOP853" in chosen:
-        compiled = scipy_solver(Parameters(), start, times, compiled=True)
-        runs["SciPy DOP853, compiled equations"] = (compiled, chosen["SciPy DOP853"]["setting"], 1)
-    subjects = [Subject(name, _calling(solver, setting), share) for name, (solver, setting, share) in runs.items()]
-    timings = bench.timings(subjects, bench.effort.passive_rounds)
-    seconds = {subject.name: timing.whole for subject, timing in zip(subjects, timings, strict=True)}
-
-    row = "vector environment, splitting, a row"
-    pairs: list[tuple[str, str, Target | None]] = [
-        (mine, theirs, target)
-        for mine in (best, "compiled loop, splitting", row)
-        for theirs, target in (("heyoka", HEYOKA), ("SciPy DOP853", SCIPY))
-    ]
-    pairs += [(row, "heyoka, a batch of 8, a row", None), (best, "SciPy DOP853, compiled equations", None)]
-    for mine, theirs, target in pairs:
-        if mine in seconds and theirs in seconds:
-            how = f"; {_setting(runs[mine][1])} beside {_setting(runs[theirs][1])}"
-            bench.compare("passive", f"{what}: {mine}", seconds[mine], theirs, seconds[theirs], target, how)
+        chosen, tried = search(partial(_point, solve, start, times, entry.trajectories), entry.ladder)
+        curves[name] = [asdict(point) for point in tried]
+        if chosen is None:
+            bench.say(f"{name}, {motion}: no setting gives an energy error of {ENERGY_ERROR:g}, skipped")
+        else:
+            contestants[name] = Contestant(name, solve, chosen, entry.trajectories)
+    bench.curves["passive"][motion] = {"horizon": effort.horizon, "energy error": ENERGY_ERROR, "solvers": curves}
+    if SCIPY_COMPILED in contestants:  # with Python's equations the same steps but for rounding: no second long search
+        solve = scipy_solver(Parameters(), start, times)
+        contestants[SCIPY_ONE] = Contestant(SCIPY_ONE, solve, contestants[SCIPY_COMPILED].point, 1)
+    run = f"{motion}, {effort.horizon:,} s"
+    _compare(bench, run, contestants, FAST_PAIRS, effort.rounds)
+    _compare(bench, run, contestants, SLOW_PAIRS, effort.slow_rounds)
 
 
-STEPS_PER_SECOND = (50, 60, 70, 80, 90, 100, 110, 120, 140, 160, 200, 250, 320)
-TOLERANCES = (1e-8, 3e-9, 1e-9, 3e-10, 1e-10, 3e-11, 1e-11, 3e-12, 1e-12, 3e-13, 1e-13, 3e-14)
+def _entries(bench: Bench, start: FloatArray, times: FloatArray) -> dict[str, Entry]:
+    interval = float(times[1] - times[0])
+    steps = steps_ladder(interval)
+    rows = bench.effort.passive_rows
+    usual = (Parameters(), start, times)
+    try:
+        lanes = heyoka_lanes()
+    except SkippedError:
+        lanes = 1
+    return {
+        SPLITTING: Entry(partial(environment_solver, start, times), steps),
+        ADAPTIVE: Entry(partial(environment_solver, start, times), tolerances(-6, -14)),
+        VECTOR: Entry(partial(vector_solver, start, times, rows), steps, rows),
+        HEYOKA_ONE: Entry(partial(heyoka_solver, *usual), tolerances(-6, -16)),
+        HEYOKA_MANY: Entry(partial(heyoka_batch_solver, *usual), tolerances(-6, -16), lanes),
+        SCIPY_COMPILED: Entry(partial(compiled_scipy_solver, *usual), tolerances(-9, -13.5)),
+    }
 
 
-def _setting(setting: Any) -> str:
-    return f"{setting} steps/s" if isinstance(setting, int) else f"tolerance {setting:g}"
+def tolerances(coarsest: float, finest: float) -> list[float]:
+    """Powers of ten between two exponents, four to a decade."""
+    return [10.0**exponent for exponent in np.arange(coarsest, finest - 0.1, -0.25)]
 
 
-def _swept(solve: Solver, settings: Sequence[Any], start: FloatArray) -> list[dict[str, Any]]:
-    """Time and largest energy error for each setting, coarsest first, up to one beyond what is accurate enough."""
-    first = energy(Parameters(), start)
-    swept: list[dict[str, Any]] = []
-    for setting in settings:
-        enough = bool(swept) and swept[-1]["error"] <= ENERGY_ERROR
+def steps_ladder(interval: float) -> list[int]:
+    """Numbers of steps of the splitting in an interval, from the fewest that it takes to eight times as many, each two
+    per cent finer than the one before; of equally fine ones that with the fewest calls."""
+    fewest = max(1, round(interval / integrators.LONGEST_STEP))
+    rungs: dict[int, tuple[int, int]] = {}
+    for steps in range(fewest, 8 * fewest + 1):
+        calls = fewest_calls(steps, interval)
+        if calls is not None:
+            rung = int(np.log(steps / fewest) / np.log(1.02))
+            rungs[rung] = min(rungs.get(rung, (calls, steps)), (calls, steps))
+    return [steps for _, steps in rungs.values()]
+
+
+def _point(solve: Solver, start: FloatArray, times: FloatArray, trajectories: int, setting: Any) -> Point:
+    """Time of a trajectory and energy error with a setting."""
+    spent = np.inf
+    for _ in range(2):  # the first call may compile
         begin = clock()
         states = solve(setting)
-        spent = clock() - begin
-        if spent < 1.0:  # the first call may have compiled
-            begin = clock()
-            solve(setting)
-            spent = clock() - begin
-        error = float(np.abs(energy(Parameters(), states) - first).max() / abs(first))
-        swept.append({"setting": setting, "seconds": spent, "error": error})
-        if enough:
+        spent = min(spent, clock() - begin)
+        if spent > 1.0:
             break
-    return swept
+    first = energy(Parameters(), start)
+    error = float(np.abs(energy(Parameters(), states) - first).max() / abs(first))
+    words = f"{setting / (times[1] - times[0]):g} steps/s" if isinstance(setting, int) else f"tolerance {setting:.1e}"
+    return Point(setting, f"{words}, error {error:.1e}", spent / trajectories, error)
 
 
-def _cheapest(swept: list[dict[str, Any]]) -> Any:
-    return next((point for point in swept if point["error"] <= ENERGY_ERROR), None)
+def search(point: Callable[[Any], Point], ladder: Sequence[Any]) -> tuple[Point | None, list[Point]]:
+    """The fastest of the coarsest settings that are accurate enough, and all that were tried, from coarse to fine."""
+    found: dict[int, Point] = {}
+
+    def accurate(rung: int) -> bool:
+        if rung not in found:
+            found[rung] = point(ladder[rung])
+        return found[rung].error <= ENERGY_ERROR
+
+    low, high = -1, len(ladder)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if accurate(middle) else (middle, high)
+    rung = high
+    while rung < min(high + FINER + 1, len(ladder)):
+        if not accurate(rung):  # it was by chance that the one before was
+            high = rung + 1
+        rung += 1
+    enough = [found[place] for place in found if place >= high]
+    tried = [found[place] for place in sorted(found)]
+    return min(enough, key=lambda one: one.seconds, default=None), tried
 
 
-def _calling(solve: Solver, setting: Any) -> Callable[[int], float]:
-    def run(calls: int) -> float:
-        for _ in range(calls):
-            solve(setting)
-        return 0.0
+@dataclass(frozen=True)
+class Contestant:
+    """A solver with the setting that was found for it."""
 
-    return run
+    name: str
+    solve: Solver
+    point: Point
+    trajectories: int
+
+    @property
+    def label(self) -> str:
+        return self.name + (f", each of {self.trajectories}" if self.trajectories > 1 else "")
+
+    def subject(self) -> Subject:
+        return Subject(self.name, repeated(partial(self.solve, self.point.setting)), self.trajectories)
+
+
+def _compare(bench: Bench, run: str, contestants: Mapping[str, Contestant], pairs: Sequence[Pair], rounds: int) -> None:
+    """Times them once more, interleaved, and notes the ratios of the pairs of which both are there."""
+    pairs = [pair for pair in pairs if pair[0] in contestants and pair[1] in contestants]
+    if not pairs:
+        return
+    names = list(dict.fromkeys(name for pair in pairs for name in pair[:2]))
+    timings = bench.timings([contestants[name].subject() for name in names], rounds)
+    seconds = {name: timing.whole for name, timing in zip(names, timings, strict=True)}
+    for mine, theirs, target in pairs:
+        ours, other = contestants[mine], contestants[theirs]
+        settings = f"; {ours.point.description} beside {other.point.description}"
+        bench.compare("passive", f"{run}: {ours.label}", seconds[mine], other.label, seconds[theirs], target, settings)
