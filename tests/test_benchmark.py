@@ -19,12 +19,17 @@ from spring_pendulum_env import Parameters, energy, integrators, simulate
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "scripts"))
 
-benchmark: Any = importlib.import_module("benchmark")
-peers: Any = importlib.import_module("benchmark_peers")
-report: Any = importlib.import_module("benchmark_report")
+measuring: Any = importlib.import_module("benchmarks.measuring")
+mujoco_peer: Any = importlib.import_module("benchmarks.mujoco_peer")
+passive: Any = importlib.import_module("benchmarks.passive")
+parts: Any = importlib.import_module("benchmarks.parts")
+inside: Any = importlib.import_module("benchmarks.inside")
+report: Any = importlib.import_module("benchmarks.report")
+solvers: Any = importlib.import_module("benchmarks.solvers")
+sections: Any = importlib.import_module("benchmark").SECTIONS
 Record = report.Record
 
-TINY = benchmark.Effort(
+TINY = measuring.Effort(
     rounds=1,
     chunk=0.0,
     warm_up=1,
@@ -39,8 +44,8 @@ PARAMETERS = Parameters(m0=1.5, m1=0.8, m2=1.3, k1=80.0, k2=140.0, L1=0.9, L2=1.
 
 
 def records_of(section: str) -> list[Any]:
-    bench = benchmark.Bench(TINY)
-    benchmark.SECTIONS[section](bench)
+    bench = measuring.Bench(TINY)
+    sections[section](bench)
     return bench.records
 
 
@@ -90,10 +95,10 @@ def test_peer_that_is_not_installed_is_skipped_with_a_line() -> None:
     said: list[str] = []
 
     def absent() -> Any:
-        raise AssertionError(peers.peer("no_such_package"))
+        raise AssertionError(measuring.peer("no_such_package"))
 
-    there = peers.Subject("there", float)
-    assert peers.installed([absent, lambda: there], said.append) == [there]
+    there = measuring.Subject("there", float)
+    assert measuring.installed([absent, lambda: there], said.append) == [there]
     assert said == ["no_such_package: not installed, skipped"]
 
 
@@ -117,7 +122,7 @@ def test_target_is_judged_by_the_median() -> None:
 
 def test_roots_and_divisions_are_counted_from_the_formulas() -> None:
     """Two springs: a root and a division each in every kick, two more roots for the energy."""
-    roots, divisions = benchmark.divider_work()
+    roots, divisions = parts.divider_work()
     stages = len(integrators.KICKS)
     assert roots == 2 * stages + 2
     assert divisions > 2 * stages + 4
@@ -134,36 +139,38 @@ def test_mujoco_simulates_this_very_system_to_the_order_of_its_integrator(actuat
         exact = env.step(action)[0]
     errors = []
     for substeps in (8, 16):
-        model = peers.mujoco_model(PARAMETERS, substeps, actuated=actuated)
-        errors.append(np.abs(peers.mujoco_run(model, start, 25, substeps, action) - exact).max())
+        model = mujoco_peer.mujoco_model(PARAMETERS, substeps, actuated=actuated)
+        errors.append(np.abs(mujoco_peer.mujoco_run(model, start, 25, substeps, action) - exact).max())
     assert errors[1] < 1e-5
     assert 3.5 < np.log2(errors[0] / errors[1]) < 4.5
 
 
 def test_heyoka_integrates_the_same_equations() -> None:
     pytest.importorskip("heyoka")
-    start = benchmark.MOTIONS["violent"]
+    start = passive.MOTIONS["violent"]
     times = np.arange(4.0)
     exact = simulate(PARAMETERS, start, times, rtol=1e-13, atol=1e-13).states
     for lanes in (1, 8):
-        states = peers.heyoka_solver(PARAMETERS, start, times, lanes)(1e-15)
+        states = solvers.heyoka_solver(PARAMETERS, start, times, lanes)(1e-15)
         assert np.abs(states - exact).max() < 1e-8
 
 
 def test_all_of_ours_give_the_same_bits() -> None:
-    start, times = benchmark.MOTIONS["violent"], np.arange(3.0)
-    states = benchmark.environment_solver(start, times)(60)
-    assert np.array_equal(benchmark.loop_solver(start, times)(60), states)
-    assert np.array_equal(benchmark.vector_solver(start, times, 3)(60), states)
+    start, times = passive.MOTIONS["violent"], np.arange(3.0)
+    states = solvers.environment_solver(start, times)(60)
+    assert np.array_equal(inside.loop_solver(start, times)(60), states)
+    assert np.array_equal(solvers.vector_solver(start, times, 3)(60), states)
 
 
 def test_compiled_equations_are_those_of_simulate() -> None:
-    start, times = benchmark.MOTIONS["violent"], np.arange(3.0)
-    one, other = (peers.scipy_solver(PARAMETERS, start, times, compiled=compiled)(1e-10) for compiled in (False, True))
+    start, times = passive.MOTIONS["violent"], np.arange(3.0)
+    one, other = (
+        solvers.scipy_solver(PARAMETERS, start, times, compiled=compiled)(1e-10) for compiled in (False, True)
+    )
     assert np.abs(one - other).max() < 1e-9
 
 
 def test_violent_motion_is_far_from_rest_and_regular_is_near_it() -> None:
     rest = energy(None, np.array([0, 0, -1.1962, 0, 0, -2.2943] + [0.0] * 6))
-    assert energy(None, benchmark.MOTIONS["violent"]) - rest > 50
-    assert energy(None, benchmark.MOTIONS["regular"]) - rest < 3
+    assert energy(None, passive.MOTIONS["violent"]) - rest > 50
+    assert energy(None, passive.MOTIONS["regular"]) - rest < 3
