@@ -13,8 +13,8 @@ MISSING = ""
 """What of the package's inside isn't there any more."""
 try:
     from spring_pendulum_env import tasks
-    from spring_pendulum_env.kernels import advance, step_batch
-    from spring_pendulum_env.layout import CHUNK, CLOCK, FIELDS, STATUS, WIDTH, fill, settings_of, steps_in, template
+    from spring_pendulum_env.kernels import step_batch
+    from spring_pendulum_env.layout import FIELDS, REPORTED, WIDTH, fill, settings_of, steps_in, template
     from spring_pendulum_env.scenario import Scenario
 except ImportError as error:
     MISSING = f"the package's inside has changed ({error})"
@@ -43,26 +43,18 @@ def integration_steps(control_period: float, constants: tuple[float, ...]) -> in
 def placed(size: int, control_period: float = 0.02, start_scale: float = 1.0) -> tuple[FloatArray, FloatArray, int]:
     """Rows for the compiled step, started as the damping task starts them, its settings, and the number of rows."""
     scenario = Scenario.of(tasks.task_named("damping"), control_period=control_period, start_scale=start_scale)
-    width = min(size, WIDTH)
-    rows = np.zeros((-(-size // width), FIELDS, width))
+    rows = np.zeros((-(-size // WIDTH), FIELDS, WIDTH))
     random = np.random.default_rng(0)
-    for index in range(size):
-        parameters, state = scenario.draw(random, None)
-        fill(rows, index, template(scenario, parameters), state)
+    states = np.array([scenario.draw(random, None)[1] for _ in range(size)])
+    fill(rows, np.arange(size), template(scenario, scenario.parameters), states)
     settings = settings_of(scenario)
-    advanced(rows, settings, size)  # only reports what was just placed
+    stepping(rows, settings, size)()  # only reports what was just placed
     return rows, settings, size
-
-
-def advanced(rows: FloatArray, settings: FloatArray, size: int) -> None:
-    """The compiled step, on as many rows at a time as the vector environment takes."""
-    for first in range(0, size, CHUNK):
-        advance(rows, first, min(CHUNK, size - first), settings)
 
 
 def stepping(rows: FloatArray, settings: FloatArray, size: int) -> Callable[[], None]:
     """The one compiled call of a vector step: actions in, the step, all that it reports out."""
     actions = np.random.default_rng(0).uniform(-1, 1, (size, 3))
-    outcomes = np.empty((STATUS - CLOCK, size))
+    outcomes = np.empty((REPORTED - FIELDS, size))
     outputs = (np.empty((size, 18)), outcomes, np.empty((size, 3)), np.empty(size, dtype=np.bool_))
-    return partial(step_batch, rows, 0, size, settings, actions, *outputs)
+    return partial(step_batch, rows, np.arange(size), settings, actions, *outputs)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from benchmarks.environments import DAMPING, ENDLESS, gymnasium_batch
-from benchmarks.inside import CALM, advanced, placed, require, stepping
+from benchmarks.inside import CALM, placed, require, stepping
 from benchmarks.measuring import Bench, Subject, repeated
 from benchmarks.report import number
 from spring_pendulum_env import integrators, physics, tasks
@@ -25,20 +24,18 @@ def measure(bench: Bench) -> None:
             gymnasium_batch(DAMPING, size, "ours", bench.effort.warm_up),
             gymnasium_batch(DAMPING, size, "ours, no episode ending", 10, **ENDLESS),
             Subject("compiled", repeated(stepping(*placed(size))), size),
-            Subject("advance", repeated(partial(advanced, *placed(size))), size),
-            Subject("calm", repeated(partial(advanced, *placed(size, start_scale=CALM))), size),
+            Subject("calm", repeated(stepping(*placed(size, start_scale=CALM))), size),
             # five integration steps in a control period, and one report as before
-            Subject("longer", repeated(partial(advanced, *placed(size, start_scale=CALM, control_period=0.1))), size),
+            Subject("longer", repeated(stepping(*placed(size, start_scale=CALM, control_period=0.1))), size),
             divider,
         ]
         timings = bench.timings(subjects)
-        ending, whole, compiled, moved, calmly, extended, limit = (timing.whole * 1e6 for timing in timings)
+        ending, whole, compiled, calmly, extended, limit = (timing.whole * 1e6 for timing in timings)
         integrate = (extended - calmly) / 4
         parts = {
             "integrate": integrate,
-            "near misses again": moved - calmly,
-            "report": calmly - integrate,
-            "copy in and out": compiled - moved,
+            "near misses again": compiled - calmly,
+            "report, in and out": calmly - integrate,
             "Python": whole - compiled,
             "start rows anew": ending - whole,
         }
