@@ -64,8 +64,8 @@ INTERPOLANT: FloatArray = np.array(
         [0, 3 / 2, -4, 5 / 2],
     ]
 )
-"""Row s holds the coefficients of x, x^2, x^3, x^4 in the weight of slope s at the fraction x of a step. Of order 4, and
-it has the slopes of both ends; the tests check the conditions for that."""
+"""Row s holds the coefficients of x, x^2, x^3, x^4 in the weight of slope s at the fraction x of a step. Of order 4,
+with the slopes of both ends; the tests check the conditions for that."""
 
 
 class ODE45(OdeSolver):  # type: ignore[misc] # SciPy is untyped

@@ -17,7 +17,7 @@ from spring_pendulum_env.scenario import positive_number
 FloatArray = NDArray[np.float64]
 
 METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA", "ode45")
-"""SciPy's methods, and MATLAB's ode45, which the paper uses. RK45 is the same pair, but controls its steps otherwise."""
+"""SciPy's methods, and MATLAB's ode45, which the paper uses. RK45 is the same pair with another step control."""
 
 TOLERANCE = 1e-12
 """Default of both tolerances; ode45 has its own."""
