@@ -1,0 +1,60 @@
+"""Tools for the dynamics of the passive pendulum: exponents, sections, periodic orbits, maps of chaos.
+
+Each name is imported on first use, and numba with it.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from spring_pendulum_env.dynamics.lyapunov import (
+        LyapunovExponent,
+        LyapunovSpectrum,
+        lyapunov_exponent,
+        lyapunov_exponents,
+        lyapunov_spectrum,
+    )
+    from spring_pendulum_env.dynamics.sections import (
+        COORDINATES,
+        Crossings,
+        NotCrossedError,
+        Section,
+        poincare_section,
+    )
+
+_MODULES = {
+    "lyapunov": (
+        "LyapunovExponent",
+        "LyapunovSpectrum",
+        "lyapunov_exponent",
+        "lyapunov_exponents",
+        "lyapunov_spectrum",
+    ),
+    "sections": ("COORDINATES", "Crossings", "NotCrossedError", "Section", "poincare_section"),
+}
+
+__all__ = [
+    "COORDINATES",
+    "Crossings",
+    "LyapunovExponent",
+    "LyapunovSpectrum",
+    "NotCrossedError",
+    "Section",
+    "lyapunov_exponent",
+    "lyapunov_exponents",
+    "lyapunov_spectrum",
+    "poincare_section",
+]
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__
