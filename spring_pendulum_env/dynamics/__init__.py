@@ -1,6 +1,6 @@
 """Tools for the dynamics of the passive pendulum: exponents, sections, periodic orbits, maps of chaos.
 
-Each name is imported on first use, and numba with it.
+Each name is imported on first use, and numba with it. Normal modes are `spring_pendulum_env.normal_modes`.
 """
 
 from __future__ import annotations
@@ -9,12 +9,22 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from spring_pendulum_env.dynamics.along import (
+        Quantities,
+        quantities,
+    )
     from spring_pendulum_env.dynamics.lyapunov import (
         LyapunovExponent,
         LyapunovSpectrum,
         lyapunov_exponent,
         lyapunov_exponents,
         lyapunov_spectrum,
+    )
+    from spring_pendulum_env.dynamics.orbits import (
+        NotPeriodicError,
+        PeriodicOrbit,
+        monodromy_matrix,
+        periodic_orbit,
     )
     from spring_pendulum_env.dynamics.sections import (
         COORDINATES,
@@ -25,6 +35,7 @@ if TYPE_CHECKING:
     )
 
 _MODULES = {
+    "along": ("Quantities", "quantities"),
     "lyapunov": (
         "LyapunovExponent",
         "LyapunovSpectrum",
@@ -32,6 +43,7 @@ _MODULES = {
         "lyapunov_exponents",
         "lyapunov_spectrum",
     ),
+    "orbits": ("NotPeriodicError", "PeriodicOrbit", "monodromy_matrix", "periodic_orbit"),
     "sections": ("COORDINATES", "Crossings", "NotCrossedError", "Section", "poincare_section"),
 }
 
@@ -41,11 +53,17 @@ __all__ = [
     "LyapunovExponent",
     "LyapunovSpectrum",
     "NotCrossedError",
+    "NotPeriodicError",
+    "PeriodicOrbit",
+    "Quantities",
     "Section",
     "lyapunov_exponent",
     "lyapunov_exponents",
     "lyapunov_spectrum",
+    "monodromy_matrix",
+    "periodic_orbit",
     "poincare_section",
+    "quantities",
 ]
 
 
