@@ -276,3 +276,29 @@ def fastest_frequency(w0: Scalar, w1: Scalar, w2: Scalar, k1: Scalar, k2: Scalar
     b = k2 * (w1 + w2)
     half_difference = 0.5 * (a - b)
     return (0.5 * (a + b) + (half_difference * half_difference + k1 * k2 * w1 * w1) ** 0.5) ** 0.5
+
+
+def momentum(
+    vx0: Scalar, vy0: Scalar, vz0: Scalar, vx1: Scalar, vy1: Scalar, vz1: Scalar, vx2: Scalar, vy2: Scalar, vz2: Scalar,
+    m0: Scalar, m1: Scalar, m2: Scalar,
+) -> tuple[Scalar, Scalar, Scalar]:  # fmt: skip
+    """Momentum of the moving bodies, kg m/s. Its horizontal part is kept where the anchor is free or k1 = 0."""
+    return (
+        m0 * vx0 + m1 * vx1 + m2 * vx2,
+        m0 * vy0 + m1 * vy1 + m2 * vy2,
+        m0 * vz0 + m1 * vz1 + m2 * vz2,
+    )
+
+
+def angular_momentum(
+    x0: Scalar, y0: Scalar, z0: Scalar, x1: Scalar, y1: Scalar, z1: Scalar, x2: Scalar, y2: Scalar, z2: Scalar,
+    vx0: Scalar, vy0: Scalar, vz0: Scalar, vx1: Scalar, vy1: Scalar, vz1: Scalar, vx2: Scalar, vy2: Scalar, vz2: Scalar,
+    m0: Scalar, m1: Scalar, m2: Scalar,
+) -> tuple[Scalar, Scalar, Scalar]:  # fmt: skip
+    """Angular momentum of the moving bodies about the origin, kg m2/s. Its z component is kept without drag or force
+    wherever the anchor is pinned at the origin or free; with the anchor pinned and g = 0 all of it is."""
+    return (
+        m0 * (y0 * vz0 - z0 * vy0) + m1 * (y1 * vz1 - z1 * vy1) + m2 * (y2 * vz2 - z2 * vy2),
+        m0 * (z0 * vx0 - x0 * vz0) + m1 * (z1 * vx1 - x1 * vz1) + m2 * (z2 * vx2 - x2 * vz2),
+        m0 * (x0 * vy0 - y0 * vx0) + m1 * (x1 * vy1 - y1 * vx1) + m2 * (x2 * vy2 - y2 * vx2),
+    )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,8 +16,11 @@ from spring_pendulum_env.scenario import positive_number
 
 FloatArray = NDArray[np.float64]
 
-METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA")
-"""SciPy's methods. RK45 is the pair of MATLAB's ode45, which the paper uses."""
+METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA", "ode45")
+"""SciPy's methods, and MATLAB's ode45, which the paper uses. RK45 is the same pair with another step control."""
+
+TOLERANCE = 1e-12
+"""Default of both tolerances; ode45 has its own."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,24 +52,32 @@ def simulate(
     state: ArrayLike,
     times: ArrayLike,
     method: str = "DOP853",
-    rtol: float = 1e-12,
-    atol: float = 1e-12,
+    rtol: float | None = None,
+    atol: float | None = None,
 ) -> Trajectory:
     """The passive pendulum from a state at times[0], at given instants.
+
+    Under "ode45", as in MATLAB, two instants are the ends of an interval, and the trajectory has the solver's own
+    points in between, four for each step: the paper's mean error is one over these points. More than two instants are
+    the ones asked for, whatever the method.
 
     Args:
         parameters: the constants, or a mapping of some of them.
         state: positions X1 Y1 Z1 X2 Y2 Z2 in m, then their rates in m/s; shape (12,).
         times: increasing instants, s; the first is that of `state`.
-        method: one of SciPy's: RK45 (the paper's ode45 pair), RK23, DOP853, Radau, BDF, LSODA.
-        rtol: relative tolerance. SciPy raises those below 2.3e-14 to that.
-        atol: absolute tolerance, m and m/s.
+        method: ode45 (MATLAB's, with which the paper was made; see ode45.py), or one of SciPy's: RK45 (the same pair),
+            RK23, DOP853, Radau, BDF, LSODA.
+        rtol: relative tolerance; None is 1e-12, and under ode45 its default, 1e-3. Those below 2.3e-14 are raised to
+            that.
+        atol: absolute tolerance, m and m/s; None is 1e-12, and under ode45 its default, 1e-6.
 
     Raises:
         ValueError: a wrong argument.
         ArithmeticError: the integrator gave up; the message says when and why.
     """
-    from scipy.integrate import solve_ivp  # here since importing it takes as long as importing the rest
+    from scipy.integrate import solve_ivp  # here since importing it takes longer than importing the rest
+
+    from spring_pendulum_env import ode45
 
     p = Parameters.of(parameters)
     start = _numbers("state", state)
@@ -78,22 +90,23 @@ def simulate(
         raise ValueError(f"times = {times!r}: must be finite, increasing instants, at least one")
     if method not in METHODS:
         raise ValueError(f"method = {method!r}: must be one of {', '.join(METHODS)}")
-    for name, tolerance in (("rtol", rtol), ("atol", atol)):
-        positive_number(name, tolerance)
-
-    still = [0.0] * 3
-    constants = (*still, *p.constants(actuated_axes=""), *p.drag_rates())
-
-    def slope(_time: float, y: FloatArray) -> list[float]:
-        numbers = y.tolist()
-        full = physics.derivatives(*still, *numbers[:6], *still, *numbers[6:], *constants)
-        return [*full[3:9], *full[12:18]]
+    relative, absolute = TOLERANCE, TOLERANCE
+    if method == "ode45":
+        relative, absolute = ode45.RELATIVE_TOLERANCE, ode45.ABSOLUTE_TOLERANCE
+    rtol = relative if rtol is None else positive_number("rtol", rtol)
+    atol = absolute if atol is None else positive_number("atol", atol)
 
     if instants.size == 1:
         states = start[None, :]
+    elif method == "ode45" and instants.size == 2:
+        solver = ode45.ODE45(right_hand_side(p), instants[0], start, instants[1], rtol, atol)
+        instants, states = ode45.refined(solver)
     else:
+        options: dict[str, Any] = {"method": method}
+        if method == "ode45":
+            options = {"method": ode45.ODE45, "first_gap": instants[1] - instants[0]}
         solution = solve_ivp(
-            slope, (instants[0], instants[-1]), start, method=method, t_eval=instants, rtol=rtol, atol=atol
+            right_hand_side(p), (instants[0], instants[-1]), start, t_eval=instants, rtol=rtol, atol=atol, **options
         )
         if not solution.success:
             raise ArithmeticError(
@@ -101,6 +114,31 @@ def simulate(
             )
         states = solution.y.T.copy()
     return Trajectory(p, instants, states, np.asarray(energy(p, states)))
+
+
+def right_hand_side(parameters: Parameters | Mapping[str, float] | None) -> Callable[[float, FloatArray], list[float]]:
+    """The right-hand side that `simulate` integrates, for other solvers of SciPy's interface: slope(t, state).
+
+    Args:
+        parameters: the constants, or a mapping of some of them.
+
+    Returns:
+        A function of the time, which doesn't matter, and the 12 numbers of a state, m and m/s, that gives their 12
+        rates: equations (25) to (30).
+
+    Raises:
+        ValueError: a wrong parameter.
+    """
+    p = Parameters.of(parameters)
+    still = [0.0] * 3
+    constants = (*still, *p.constants(actuated_axes=""), *p.drag_rates())
+
+    def rates(_time: float, state: FloatArray) -> list[float]:
+        numbers = state.tolist()
+        full = physics.derivatives(*still, *numbers[:6], *still, *numbers[6:], *constants)
+        return [*full[3:9], *full[12:18]]
+
+    return rates
 
 
 def _numbers(name: str, value: ArrayLike) -> FloatArray:
