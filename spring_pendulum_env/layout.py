@@ -1,8 +1,8 @@
 """How pendulums are laid out in memory for the compiled step, and how one is put there.
 
 Many pendulums are kept in `rows`, an array of shape (blocks, FIELDS, WIDTH): each block holds WIDTH pendulums side by
-side, one field after the other. A single one is kept in a `cell`, an array of shape (CELL,): its fields, what its last
-step reported, and the settings.
+side, one field after the other. A single one is kept in a `cell`, an array of shape (CELL,), in which the compiled step
+works too: its fields, what its last step reported, what the step needs while it works, and the settings.
 """
 
 from __future__ import annotations
@@ -81,7 +81,9 @@ FINE, BAD_ACTION, NOT_FINITE, TOO_MANY_STEPS, UNFINISHED = range(5)  # the last:
 AXIS_SLOTS = WEIGHTS + len(tasks.REWARD_TERMS)  # 3: which number of an action belongs to x, y and z; -1: none
 SETTINGS = AXIS_SLOTS + 3
 
-CELL = REPORTED + SETTINGS
+KEPT = BUFFER  # 18: in a cell, the state before the step
+CELL_SETTINGS = KEPT + 18
+CELL = CELL_SETTINGS + SETTINGS
 
 
 def settings_of(scenario: Scenario) -> FloatArray:
