@@ -17,7 +17,7 @@ from numba.extending import intrinsic, register_jitable
 from spring_pendulum_env import integrators, physics, tasks
 
 FOLDER = Path(__file__).parent
-COMPILED = ("physics", "integrators", "tasks", "layout", "jit", "schemes", "kernels")
+COMPILED = ("physics", "equilibria", "integrators", "tasks", "scenario", "layout", "jit", "schemes", "kernels")
 """Modules whose functions and constants are compiled, besides those of `dynamics`."""
 
 
@@ -100,6 +100,7 @@ for _function in (
     physics.total_energy,
     physics.energy_error,
     tasks.reward_terms,
+    tasks.displaced,
     integrators.approaches_zero,
 ):
     register_jitable(error_model="numpy")(_function)

@@ -20,6 +20,7 @@ import numpy as np
 from numba.misc.special import literally
 
 from spring_pendulum_env import physics, tasks
+from spring_pendulum_env.equilibria import BODY_STATE
 from spring_pendulum_env.integrators import FINEST, REFINEMENT
 from spring_pendulum_env.jit import array_at, cache_folder, compiled, compiled_for_width
 from spring_pendulum_env.layout import (
@@ -35,7 +36,6 @@ from spring_pendulum_env.layout import (
     CLOCK,
     DEVIATION,
     DISSIPATED,
-    ELAPSED,
     ENDED,
     ENERGY,
     ENERGY_SCALE,
@@ -54,10 +54,10 @@ from spring_pendulum_env.layout import (
     MAX_FORCE,
     MOVED,
     NOT_FINITE,
+    OUTCOMES,
     PERIOD,
     PHYSICS,
     POSTURE_SCALE,
-    REPORTED,
     REST_ENERGY,
     REWARD,
     START_ENERGY,
@@ -65,6 +65,7 @@ from spring_pendulum_env.layout import (
     STEPS,
     TERMS,
     TIME,
+    TIME_LIMIT,
     TOLERANCE,
     TRAVEL,
     UNFINISHED,
@@ -74,6 +75,7 @@ from spring_pendulum_env.layout import (
     WORK,
     WORK_DONE,
 )
+from spring_pendulum_env.scenario import START_NUMBERS
 from spring_pendulum_env.schemes import adapt, split
 
 
@@ -149,7 +151,6 @@ def _report(b, width, lanes, settings):
         b[DISSIPATED, j] = dissipated
         b[LOST_TO_DRAG, j] = dissipated
         b[CLOCK, j] = clock
-        b[ELAPSED, j] = clock
         b[TIME, j] = clock * period
         energy = physics.total_energy(
             b[0, j], b[1, j], b[2, j], b[3, j], b[4, j], b[5, j], b[6, j], b[7, j], b[8, j],
@@ -357,7 +358,7 @@ def _load(rows, indices, lanes, settings, actions, b):
 
 
 @compiled
-def _store(rows, indices, lanes, b, observations, outcomes, forces, ended):
+def _store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated):
     """From the buffer: what a step changed, and what it reports."""
     if b.shape[1] != WIDTH:
         return
@@ -366,7 +367,7 @@ def _store(rows, indices, lanes, b, observations, outcomes, forces, ended):
         flat = b.reshape(b.size)
         for n in range(PHYSICS * WIDTH):
             whole[n] = flat[n]
-        for i in range(REPORTED - FIELDS):
+        for i in range(OUTCOMES):
             outcome = outcomes[i, indices[0] : indices[0] + WIDTH]
             for j in range(WIDTH):
                 outcome[j] = b[FIELDS + i, j]
@@ -374,7 +375,7 @@ def _store(rows, indices, lanes, b, observations, outcomes, forces, ended):
         for j in range(lanes):
             for i in range(PHYSICS):
                 rows[indices[j] // WIDTH, i, indices[j] % WIDTH] = b[i, j]
-            for i in range(REPORTED - FIELDS):
+            for i in range(OUTCOMES):
                 outcomes[i, indices[j]] = b[FIELDS + i, j]
     # Loops of constant length, which are fast: all numbers of the state, or those of the two masses.
     if observations.shape[1] == 18:
@@ -392,7 +393,12 @@ def _store(rows, indices, lanes, b, observations, outcomes, forces, ended):
         force = forces[indices[j]]
         for i in range(3):
             force[i] = b[FORCE + i, j]
-        ended[indices[j]] = b[ENDED, j] != 0.0
+    # A pendulum that was just placed has made no step: no reward, and no end.
+    for j in range(lanes):
+        moved = b[MOVED, j] != 0.0
+        rewards[indices[j]] = b[REWARD, j] if moved else 0.0
+        terminated[indices[j]] = moved & (b[ENDED, j] != 0.0)
+        truncated[indices[j]] = moved & (b[CLOCK, j] >= limit)
 
 
 @compiled
@@ -408,7 +414,30 @@ def _set_again(rows, indices, lanes, b):
                     b[i, j] = rows[indices[j] // WIDTH, i, indices[j] % WIDTH]
 
 
-def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces, ended):
+def _place(rows, wanted, template, rest, spread, numbers, taken):
+    """Gives pendulums that are as usual the next of their starts.
+
+    Args:
+        rows: shape (blocks, FIELDS, WIDTH), written.
+        wanted: which pendulums, shape (n,).
+        template: `layout.template` of them all, shape (FIELDS,).
+        rest, spread: the start's means, shape (18,), and standard deviations, shape (START_NUMBERS,).
+        numbers, taken: as `starts.Starts` has them; one more is taken of each.
+    """
+    for index in wanted:
+        row = rows[index // WIDTH]
+        j = index % WIDTH
+        for i in range(FIELDS):
+            row[i, j] = template[i]
+        for i in range(18):
+            row[i, j] = rest[i]
+        for i in range(START_NUMBERS):
+            place = BODY_STATE[i]
+            row[place, j] = tasks.displaced(rest[place], spread[i], numbers[index, taken[index], i])
+        taken[index] += 1
+
+
+def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces, rewards, terminated, truncated):
     """One control period of many pendulums by the splitting, and their reports. Returns the largest STATUS.
 
     Those that were just placed are only reported; those that are UNFINISHED haven't changed.
@@ -419,12 +448,13 @@ def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces,
         settings: shape (SETTINGS,).
         actions: shape (pendulums, actuated axes), finite.
         observations: shape (pendulums, 12 or 18), written.
-        outcomes: shape (REPORTED - FIELDS, pendulums), written: what a step reports.
+        outcomes: shape (OUTCOMES, pendulums), written: what a step reports.
         forces: shape (pendulums, 3), written.
-        ended: shape (pendulums,), written.
+        rewards, terminated, truncated: shape (pendulums,), written.
     """
     b = np.empty((BUFFER, WIDTH))
     indices = np.empty(WIDTH, dtype=np.int64)
+    limit = settings[TIME_LIMIT]
     queue = np.empty(CHUNK, dtype=np.int64)
     worst = FINE
     for begin in range(0, wanted.size, CHUNK):
@@ -461,16 +491,19 @@ def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces,
                 if wrong:
                     for j in range(count):
                         worst = max(worst, int(b[STATUS, j]))
-                _store(rows, indices, lanes, b, observations, outcomes, forces, ended)
+                _store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated)
             refinement *= REFINEMENT
             waiting = again if refinement <= FINEST else 0
     return worst
 
 
-def _step_batch_adaptively(rows, wanted, settings, actions, observations, outcomes, forces, ended):
+def _step_batch_adaptively(
+    rows, wanted, settings, actions, observations, outcomes, forces, rewards, terminated, truncated
+):
     """As `_step_batch`, by the adaptive scheme; never UNFINISHED."""
     b = np.empty((BUFFER, WIDTH))
     indices = np.empty(WIDTH, dtype=np.int64)
+    limit = settings[TIME_LIMIT]
     worst = FINE
     for begin in range(0, wanted.size, WIDTH):
         count = min(WIDTH, wanted.size - begin)
@@ -488,7 +521,7 @@ def _step_batch_adaptively(rows, wanted, settings, actions, observations, outcom
         _report(b, WIDTH, lanes, settings)
         for j in range(count):
             worst = max(worst, int(b[STATUS, j]))
-        _store(rows, indices, lanes, b, observations, outcomes, forces, ended)
+        _store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated)
     return worst
 
 
@@ -496,6 +529,7 @@ with cache_folder() as _cached:
     # A single pendulum's step is too short for letting go of Python's lock to pay.
     advance = numba.njit(error_model="numpy", cache=_cached)(_advance)
     advance_adaptively = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_advance_adaptively)
+    place = numba.njit(error_model="numpy", cache=_cached)(_place)
     step_batch = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_step_batch)
     step_batch_adaptively = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_step_batch_adaptively)
 

@@ -43,9 +43,9 @@ FIELDS = 48
 # What a step reports of a pendulum besides, after the fields.
 TIME, ENERGY, EXCESS, ERROR, WORK_DONE, LOST_TO_DRAG, TERMS = range(FIELDS, FIELDS + 7)
 REWARD = TERMS + len(tasks.REWARD_TERMS)  # TERMS: the weighted reward terms
+OUTCOMES = REWARD - FIELDS  # how many there are before the reward
 ENDED = REWARD + 1  # 1 where the task's condition to end is met
-ELAPSED = ENDED + 1  # CLOCK
-REPORTED = ELAPSED + 1
+REPORTED = ENDED + 1
 
 # What the compiled step keeps of a pendulum while it works, after that.
 STAGES = len(integrators.KICKS)
@@ -76,8 +76,9 @@ FINE, BAD_ACTION, NOT_FINITE, TOO_MANY_STEPS, UNFINISHED = range(5)  # the last:
     POSTURE_SCALE,
     VELOCITY_SCALE,
     CENTRING_SCALE,
+    TIME_LIMIT,  # control periods until an episode is truncated; a single environment leaves that to a wrapper
     WEIGHTS,  # 5, one for each reward term
-) = range(11)
+) = range(12)
 AXIS_SLOTS = WEIGHTS + len(tasks.REWARD_TERMS)  # 3: which number of an action belongs to x, y and z; -1: none
 SETTINGS = AXIS_SLOTS + 3
 
@@ -86,7 +87,7 @@ CELL_SETTINGS = KEPT + 18
 CELL = CELL_SETTINGS + SETTINGS
 
 
-def settings_of(scenario: Scenario) -> FloatArray:
+def settings_of(scenario: Scenario, time_limit: float = math.inf) -> FloatArray:
     """The numbers that all pendulums of an environment share, shape (SETTINGS,)."""
     task = scenario.task
     return np.array(
@@ -101,6 +102,7 @@ def settings_of(scenario: Scenario) -> FloatArray:
             task.posture_scale,
             task.velocity_scale,
             task.centring_scale,
+            time_limit,
             *(task.weights.get(term, 0.0) for term in tasks.REWARD_TERMS),
             *(scenario.actuated_axes.find(axis) for axis in physics.AXES),
         ]
@@ -132,7 +134,7 @@ def template(scenario: Scenario, parameters: Parameters) -> FloatArray:
 
 
 def fill(rows: FloatArray, indices: NDArray[np.intp], fields: FloatArray, states: FloatArray) -> None:
-    """Puts pendulums in their places in `rows`.
+    """Puts pendulums in their places in `rows`; those that are as usual `kernels.place` puts there faster.
 
     Args:
         rows: shape (blocks, FIELDS, WIDTH), written.
