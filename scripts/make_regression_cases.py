@@ -15,22 +15,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from mpmath import mp, mpf
-
 from references import extrapolation, taylor
 from references.cases import MAX_FORCE, PERIOD, SEED, Case, cases
+
 from spring_pendulum_env import Parameters
 
-FILE = ROOT / "spring_pendulum_env" / "data" / "regression_cases.json"
+FILE = Path(__file__).resolve().parent.parent / "spring_pendulum_env" / "data" / "regression_cases.json"
 DIGITS = 45
 """With which is reckoned."""
 AGREEMENT = 1e-28
 """How far apart the methods may be, in units of growth (1 + |state|)."""
-METHODS = {"Taylor": taylor.Motion, "extrapolation": extrapolation.Motion}
+METHODS: dict[str, Any] = {"Taylor": taylor.Motion, "extrapolation": extrapolation.Motion}
 
 ABOUT = {
     "what": "Motions of the double spring pendulum, rounded from about 30 digits.",
@@ -136,13 +134,12 @@ def main() -> None:
     kept: dict[str, dict[str, Any]] = {}
     if options.file.exists() and not options.again:
         kept = {case["name"]: case for case in json.loads(options.file.read_text())["cases"]}
-    done: list[dict[str, Any]] = []
-    for case in cases():
+    wanted = cases()
+    for case in wanted:
         known = kept.get(case.name)
         if known is None or {name: known[name] for name in case.as_dict()} != case.as_dict():
-            known = made(case)
-        done.append(known)
-        write(options.file, done)
+            known = kept[case.name] = made(case)
+            write(options.file, [kept[other.name] for other in wanted if other.name in kept])
         print(f"{case.name:12} growth {known['records'][-1][1]:8.1e}   apart {known['apart']:.1e}", flush=True)
 
 

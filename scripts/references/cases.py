@@ -86,7 +86,9 @@ def cases() -> list[Case]:
         hung = _start(random, Parameters(**parameters), 0.5, 0.3)
         anchor = [round(float(x), 3) for x in random.normal(0, 0.2, 3)]
         moved = [round(x + anchor[i % 3], 3) for i, x in enumerate(hung[:6])]
-        speed = [round(float(v), 3) if axis in axes else 0.0 for axis, v in zip(AXES, random.normal(0, 0.3, 3))]
+        speed = [
+            round(float(v), 3) if axis in axes else 0.0 for axis, v in zip(AXES, random.normal(0, 0.3, 3), strict=True)
+        ]
         start = [*anchor, *moved, *speed, *hung[6:]]
         made.append(Case(name, parameters, axes, start, _records(seconds), actions))
 
@@ -96,10 +98,10 @@ def cases() -> list[Case]:
     passive("stiff", 0.9, 0.5, 6, m1=0.9, m2=1.4, k1=2.5e4, k2=6e3, L1=0.7, L2=1.2)
     passive("mass-ratio", 0.8, 0.3, 10, m1=400.0, m2=0.5, k1=1.5e4, k2=60.0)
     passive("no-spring-1", 0.9, 1.5, 10, m1=1.6, m2=0.7, k1=0.0, k2=75.0, L2=1.3)
-    passive("no-spring-2", 1.0, 0.7, 20, m1=0.7, m2=1.0, k1=55.0, k2=0.0, L1=1.2)
-    passive("no-lengths", 0.8, 0.8, 20, m1=1.2, m2=0.8, k1=60.0, k2=40.0, L1=0.0, L2=0.0)
-    passive("no-gravity", 1.2, 1.0, 20, m1=1.5, m2=0.9, k1=70.0, k2=110.0, L1=0.8, L2=1.1, g=0.0)
-    passive("drag", 1.6, 0.8, 20, m1=1.1, m2=0.7, k1=80.0, k2=90.0, R1=0.25, R2=0.12)
+    passive("no-spring-2", 1.0, 0.7, 12, m1=0.7, m2=1.0, k1=55.0, k2=0.0, L1=1.2)
+    passive("no-lengths", 0.8, 0.8, 12, m1=1.2, m2=0.8, k1=60.0, k2=40.0, L1=0.0, L2=0.0)
+    passive("no-gravity", 1.2, 1.0, 12, m1=1.5, m2=0.9, k1=70.0, k2=110.0, L1=0.8, L2=1.1, g=0.0)
+    passive("drag", 1.6, 0.8, 12, m1=1.1, m2=0.7, k1=80.0, k2=90.0, R1=0.25, R2=0.12)
     wave = [[round(float(np.sin(0.1 * i)), 3), round(0.5 * float(np.cos(0.2 * i)), 3)] for i in range(0, 63)]
     actuated("pushed", "xyz", [[0.125, -0.25, 0.0625]], 10, m0=1.4, m1=0.8, m2=1.1, k1=120.0, k2=80.0, R0=0.9, R1=0.2)
     actuated("driven", "xz", wave, 10, m0=0.8, m1=1.1, m2=0.7, k1=90.0, k2=100.0, L1=1.1, L2=0.9)

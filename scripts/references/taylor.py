@@ -46,10 +46,10 @@ class Series:
         return Series(self.graph, lambda n: -self.c[n])
 
     def __sub__(self, other: Any) -> Series:
-        return self + -other
+        return self.__add__(-other)
 
     def __rsub__(self, other: Any) -> Series:
-        return -self + other
+        return self.__neg__().__add__(other)
 
     def __mul__(self, other: Any) -> Series:
         if isinstance(other, Series):
@@ -95,7 +95,8 @@ class Motion:
         self.graph: list[Series] = []
         self.variables = [Series(self.graph) for _ in range(18)]
         self.force = [Series(self.graph) for _ in range(3)]
-        slopes = physics.derivatives(*self.variables, *self.force, *constants, *drag)
+        numbers: Any = (*self.variables, *self.force, *constants, *drag)
+        slopes = physics.derivatives(*numbers)
         self.slopes = [slope if isinstance(slope, Series) else slope + 0 * self.variables[0] for slope in slopes]
         self.state = [mpf(number) for number in state]
 
