@@ -193,8 +193,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     failed = [row for row in rows if not row.passed]
     print(f"{len(rows) - len(failed)} of {len(rows)} within their limits" + (": FAILED" if failed else ""))
     print(
-        "error: m or m/s, of an energy relative; / rounding: error in units of 2.2e-16 x growth x (1 + |state|), which\n"
-        "is what rounding once may have grown to by then."
+        "error: m or m/s, of an energy relative; / rounding: error in units of 2.2e-16 x growth x (1 + |state|),\n"
+        "to which rounding a number once may have grown by then."
     )
     if options.json is not None:
         result = [{**dataclasses.asdict(row), "passed": row.passed} for row in rows]

@@ -1,4 +1,4 @@
-"""The same motions in other people's simulators: MuJoCo, heyoka and Octave. Each test skips where its one is missing."""
+"""The same motions in other people's simulators: MuJoCo, heyoka and Octave. A test skips where its one is missing."""
 
 from __future__ import annotations
 
