@@ -20,6 +20,7 @@ import dataclasses
 import importlib.metadata
 import importlib.resources
 import json
+import math
 import platform
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -139,7 +140,18 @@ def splitting(case: Case, about: dict[str, Any]) -> list[Row]:
     return [short, Row(case["name"], "its energy", last, found[-1][1], None, None, ENERGY_ERROR)]
 
 
-SCHEMES: tuple[Callable[[Case, dict[str, Any]], list[Row]], ...] = (adaptive_environment, simulated, splitting)
+Scheme = Callable[[Case, dict[str, Any]], list[Row]]
+SCHEMES: tuple[Scheme, ...] = (adaptive_environment, simulated, splitting)
+
+
+def _attempted(scheme: Scheme, case: Case, about: dict[str, Any]) -> list[Row]:
+    """What a scheme finds; where it gives up, why is printed, and a row that fails."""
+    try:
+        return scheme(case, about)
+    except ArithmeticError as error:
+        print(f"{case['name']}: {error}")
+        return [Row(case["name"], scheme.__name__, 0.0, math.nan, None, None, 0.0)]
+
 
 HEADER = f"{'case':12} {'scheme':12} {'t (s)':>6} {'error':>9} {'growth':>9} {'/ rounding':>11} {'limit':>9}"
 
@@ -187,7 +199,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for case in cases:
         if options.case is None or case["name"] in options.case:
             for scheme in SCHEMES:
-                for row in scheme(case, about):
+                for row in _attempted(scheme, case, about):
                     rows.append(row)
                     print(line(row), flush=True)
     failed = [row for row in rows if not row.passed]
