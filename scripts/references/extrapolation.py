@@ -39,10 +39,10 @@ def hamilton() -> list[Any]:
     m0, m1, m2, k1, k2, L1, L2, R0, R1, R2, g = CONSTANTS
     masses = [m0] * 3 + [m1] * 3 + [m2] * 3
     drags = [R0] * 3 + [R1] * 3 + [R2] * 3
-    velocities: Any = [p / m for p, m in zip(P, masses, strict=True)]
-    places: Any = Q
-    kinetic = physics.kinetic_energy(*velocities, m0, m1, m2)
-    potential = physics.potential_energy(*places, m1, m2, k1, k2, L1, L2, g)
+    velocities = [p / m for p, m in zip(P, masses, strict=True)]
+    moving: Any = (*velocities, m0, m1, m2)
+    placed: Any = (*Q, m1, m2, k1, k2, L1, L2, g)
+    kinetic, potential = physics.kinetic_energy(*moving), physics.potential_energy(*placed)
     H = sympy.nsimplify(kinetic + potential, rational=True)
     push = [*FORCE, *[0] * 6]
     moves = [*FREE, *[1] * 6]
