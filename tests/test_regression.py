@@ -39,15 +39,22 @@ def test_every_case_is_within_its_limits(capsys: pytest.CaptureFixture[str], tmp
     assert len([line for line in table if line.endswith(" ok")]) == len(written["rows"])
 
 
-@pytest.mark.parametrize("scheme", regression.SCHEMES)
-@pytest.mark.parametrize("name", ["regular", "driven"])
+@pytest.mark.parametrize(
+    ("name", "scheme"),
+    [
+        ("regular", regression.adaptive_environment),
+        ("regular", regression.simulated),
+        ("regular", regression.splitting),
+        ("driven", regression.adaptive_environment),
+        ("driven", regression.splitting),
+    ],
+)
 def test_a_slightly_wrong_constant_fails(name: str, scheme: Any) -> None:
     """Stiffness off by 1e-6, as a wrong formula or a bad compiler might have it: no scheme hides that."""
     case = copy.deepcopy(SHIPPED[name])
     assert all(row.passed for row in scheme(case, ABOUT))
     case["parameters"]["k1"] *= 1 + 1e-6
-    rows = scheme(case, ABOUT)
-    assert not rows or not all(row.passed for row in rows)
+    assert not all(row.passed for row in scheme(case, ABOUT))
 
 
 def test_failure_is_said_and_sets_the_exit_status(
@@ -146,7 +153,7 @@ def test_both_methods_find_the_shipped_record_again(name: str, method: str) -> N
 def test_springs_without_length_move_as_the_matrix_exponential_says() -> None:
     """A linear system: a closed form that neither method knows of."""
     case = SHIPPED["no-lengths"]
-    A, _ = linearise(case["parameters"], "hanging-hanging", pinned=True)
+    A = linearise(case["parameters"], "hanging-hanging", pinned=True)
     rest = equilibrium(case["parameters"], "hanging-hanging").reshape(2, 9)[:, 3:].ravel()
     for count, growth, expected in case["records"]:
         moved = rest + scipy.linalg.expm(A * count * ABOUT["control_period"]) @ (np.array(case["start"]) - rest)
