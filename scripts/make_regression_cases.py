@@ -3,7 +3,7 @@
 Two methods that share no equation and no integrator must agree on every record: Taylor series of the accelerations
 (scripts/references/taylor.py), and Gragg's extrapolation of Hamilton's equations, whose forces SymPy derives from the
 energies (scripts/references/extrapolation.py). Cases that are in the file already are kept, so an interrupted run goes
-on by the same command; the whole takes about ten minutes.
+on by the same command; the whole takes about ten minutes, half of that where gmpy2 is installed, which mpmath uses.
 """
 
 from __future__ import annotations
