@@ -19,6 +19,10 @@ class Claim:
     evidence: str
 
 
+FITTED = True
+"""An exception to each claim about printed numbers: the paper has no constants or starts, so it is so with ours."""
+
+
 def judged(true: bool, *, exceptions: bool = False) -> Verdict:
     """The verdict on a claim.
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from paper import measures
-from paper.claim import Claim, judged, near
+from paper.claim import FITTED, Claim, judged, near
 from paper.printed import PRINTED
 from paper.runs import Runs
 from spring_pendulum_env import Parameters, energy, equilibrium, physics, simulate
@@ -50,7 +50,7 @@ def passing_through() -> Claim:
     return Claim(
         "1",
         "That masses pass through each other or through the springs can be ignored.",
-        judged(far < SMALL, exceptions=close > 10 * far),
+        judged(far < SMALL, exceptions=close > SMALL),
         "Bodies are points, so it can, until a spring's length comes near zero: there its force turns round, and has no "
         f"direction at zero itself. A mass that falls past the anchor at {min(errors) * 1000:g} mm costs ode45 "
         f"{close:.2g} % of the energy in 3 s, one at {max(errors)} m {far:.2g} %.",
@@ -154,12 +154,14 @@ def figure_3(runs: Runs) -> Claim:
 
 
 def figure_4(runs: Runs) -> Claim:
-    final = 100 * runs.spinning_finer.energy_error
+    run = runs.spinning_finer
+    final = 100 * run.energy_error
+    last = measures.spring_lengths(run.states)[-len(run.times) // 10 :, 1].max() / 2
     return Claim(
         "4, Figure 4",
         "At a tolerance of 1e-4 the error is 0.57 %.",
-        judged(near(final, PRINTED["figure 4, final"]), exceptions=True),
-        f"With the same fitted constants {final:.3f} %.",
+        judged(near(final, PRINTED["figure 4, final"]), exceptions=FITTED),
+        f"With the same fitted constants {final:.3f} %; the greatest distance from the centre stays {last:.2f} m.",
     )
 
 
@@ -168,15 +170,16 @@ def measure(runs: Runs) -> Claim:
     run, p = runs.chaotic, runs.config.chaotic.constants
     change = run.energy[-1] - run.energy[0]
     rest = float(energy(p, equilibrium(p, "hanging-hanging")[BODY_STATE]))
+    printed = 100 * run.energy_error
     above = 100 * abs(change) / (run.energy[0] - rest)
     weight = float(physics.static_load(p.m1, p.m2, p.g))
     height = run.energy[0] / weight
     return Claim(
         "4, equation (42)",
         "The relative change of the total energy measures the error.",
-        judged(True, exceptions=p.g > 0),
-        f"Without gravity it does. With gravity the zero of the energy is a choice: Figure 5's run lost {-change:.2f} J, "
-        f"which is {100 * run.energy_error:.3f} % of its {run.energy[0]:.0f} J counted from the anchor's height, "
+        judged(runs.spinning.energy_error > runs.spinning_finer.energy_error, exceptions=above < 0.9 * printed),
+        f"Without gravity it does (it falls with the tolerance, above). With gravity the zero of the energy is a choice: Figure 5's run lost {-change:.2f} J, "
+        f"which is {printed:.3f} % of its {run.energy[0]:.0f} J counted from the anchor's height, "
         f"{above:.3f} % of what it has above hanging rest, and infinitely much with heights counted from "
         f"{height:.1f} m above the anchor.",
     )
@@ -185,6 +188,7 @@ def measure(runs: Runs) -> Claim:
 def below_one_per_cent(runs: Runs) -> Claim:
     single = measures.of_one_mass(runs.config.single.constants, runs.single.states)
     errors = {
+        "Figure 4": 100 * runs.spinning_finer.energy_error,
         "Figure 5": 100 * runs.chaotic.energy_error,
         "Figure 8": 100 * runs.periodic.energy_error,
         "Figure 9": 100 * float(physics.energy_error(single[-1] - single[0], single[0])),
@@ -193,8 +197,8 @@ def below_one_per_cent(runs: Runs) -> Claim:
     return Claim(
         "4",
         "All figures from Figure 4 on have errors below 1 %.",
-        judged(max(errors.values()) < SMALL),
-        f"Ours: {listed} (Figure 9, mass 1 alone, at a tolerance of {runs.config.single.rtol:g}). All but Figure 7, "
+        judged(max(errors.values()) < SMALL, exceptions=100 * runs.spinning.energy_error > SMALL),
+        f"Ours: {listed} (Figure 9, mass 1 alone, at a tolerance of {runs.config.single.rtol:g}). But for Figure 7, "
         "which shows Figure 3's run.",
     )
 
@@ -215,7 +219,7 @@ def figure_6(runs: Runs) -> Claim:
         "4, Figures 5 and 6",
         "In the chaotic run the energy is fairly constant until about 9.5 s, when it takes a dive: 0.28 % in the end, "
         "0.0253 % in the mean.",
-        judged(true, exceptions=True),
+        judged(true, exceptions=FITTED),
         f"With fitted constants {final:.3f} % and {abs(mean):.4f} %; until {dive - 0.5:.1f} s the change stays within "
         f"{before:.3f} %, and half of the fall is behind at {dive:.2f} s.",
     )
