@@ -9,8 +9,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from agents import commands
 from paper.config import FOLDER, read_config
+
+from agents import commands
 
 
 def main() -> None:
@@ -33,7 +34,7 @@ def main() -> None:
     def say(done: int, what: str) -> None:
         print(f"[{done}/{pieces}] {time.monotonic() - begin:3.0f} s  {what}", file=sys.stderr, flush=True)
 
-    runs = Runs(config.quick() if options.quick else config)
+    runs = Runs(config.quick() if options.quick else config, progress=True)
     for number, name in enumerate(figures.FIGURES, start=1):
         say(number, name)
         figures.draw(runs, name, options.output, svg=not options.no_svg)

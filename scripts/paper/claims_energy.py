@@ -23,7 +23,7 @@ def claims(runs: Runs) -> list[Claim]:
     """In the order of the paper."""
     return [
         passing_through(),
-        same_equations(runs),
+        same_equations(),
         least_action(runs),
         small_error(runs),
         greatest_distance(runs),
@@ -51,13 +51,13 @@ def passing_through() -> Claim:
         "1",
         "That masses pass through each other or through the springs can be ignored.",
         judged(far < SMALL, exceptions=close > SMALL),
-        "Bodies are points, so it can, until a spring's length comes near zero: there its force turns round, and has no "
-        f"direction at zero itself. A mass that falls past the anchor at {min(errors) * 1000:g} mm costs ode45 "
+        "Bodies are points, so it can, until a spring's length comes near zero: there its force turns round, and has "
+        f"no direction at zero itself. A mass that falls past the anchor at {min(errors) * 1000:g} mm costs ode45 "
         f"{close:.2g} % of the energy in 3 s, one at {max(errors)} m {far:.2g} %.",
     )
 
 
-def same_equations(runs: Runs) -> Claim:
+def same_equations() -> Claim:
     """Newton's equations against the Lagrangian's, drag added."""
     states = measures.random_starts({}, 100, 0)
     mismatch = measures.lagrangian_mismatch({"m1": 0.9, "m2": 2.3, "k1": 120, "k2": 70, "R1": 0.3, "R2": 0.2}, states)
@@ -65,7 +65,7 @@ def same_equations(runs: Runs) -> Claim:
         "3",
         "The Lagrangian gives all six of the accelerations that the forces gave.",
         judged(mismatch < 1e-12),
-        f"At 100 random states with drag m a, -dV/dq - R v of equation (34) and equations (25) to (30) agree to "
+        "At 100 random states with drag m a, -dV/dq - R v of equation (34) and equations (25) to (30) agree to "
         f"{mismatch:.0e} of the forces. As printed (14) and (35) don't: see the misprints.",
     )
 
@@ -80,7 +80,7 @@ def least_action(runs: Runs) -> Claim:
         "3",
         "The actual path is the minimum of a certain quantity.",
         judged(bool(near_by.min() > 0), exceptions=bool(whole.min() < 0)),
-        f"The action is stationary, and least only over short times. On Figure 5's motion all six neighbouring paths "
+        "The action is stationary, and least only over short times. On Figure 5's motion all six neighbouring paths "
         f"(one coordinate displaced by 1 mm) have more of it over {short:g} s ({near_by.min():.1e} J s and up); over "
         f"its {motion.duration:g} s {int((whole < 0).sum())} of them have less (down to {whole.min():.1e} J s).",
     )
@@ -95,16 +95,16 @@ def small_error(runs: Runs) -> Claim:
         "4",
         "ode45 approximates the actual path, but the error is very small.",
         judged(tight < SMALL, exceptions=loose > SMALL),
-        f"RelTol bounds the error of a step, not that of the result. On Figure 3's motion energy errors are {loose:.1f} % "
-        f"at {motion.rtol:g}, {fine:.2f} % at {motion.finer_rtol:g} ({loose / fine:.0f} times less for ten times less) "
-        f"and {tight:.1g} % at 1e-06.",
+        "RelTol bounds the error of a step, not that of the result. On Figure 3's motion energy errors are "
+        f"{loose:.1f} % at {motion.rtol:g}, {fine:.2f} % at {motion.finer_rtol:g} ({loose / fine:.0f} times less for "
+        f"ten times less) and {tight:.1g} % at 1e-06.",
     )
 
 
 def greatest_distance(runs: Runs) -> Claim:
     """The turning points of the spinning pair, and what else than the energy they hang on."""
     motion = runs.config.spinning
-    start = np.array(motion.start)
+    start: FloatArray = np.array(motion.start)
     found = runs.spinning_extremes
     spread = float(np.ptp(found.longest))
     widest = _distance_at_rest(motion.constants, float(energy(motion.constants, start)))
@@ -114,8 +114,8 @@ def greatest_distance(runs: Runs) -> Claim:
     distance = float(np.linalg.norm(away, axis=1).max())
     return Claim(
         "4",
-        "Without gravity the masses spin around each other, and the greatest distance stays the same since the energy is "
-        "conserved.",
+        "Without gravity the masses spin around each other, and the greatest distance stays the same since the "
+        "energy is conserved.",
         judged(spread < 1e-6, exceptions=distance > widest > found.longest[0] + 1e-3),
         f"Integrated to 1e-12, all {len(found.longest)} greatest lengths of the spring in {motion.duration:g} s are "
         f"{found.longest[0]:.4g} m to {spread:.0e} m. But energy alone doesn't fix it: with this one and no spin it "
@@ -144,12 +144,12 @@ def figure_3(runs: Runs) -> Claim:
     true = near(final, PRINTED["figure 3, final"]) and near(abs(mean), PRINTED["figure 7, mean"]) and last < first - 0.1
     return Claim(
         "4, Figures 3 and 7",
-        "At the default tolerance the masses move towards the centre, with an energy error of 32.35 % at the end and of "
-        "19.765 % in the mean.",
+        "At the default tolerance the masses move towards the centre, with an energy error of 32.35 % at the end and "
+        "of 19.765 % in the mean.",
         judged(true, exceptions=not near(100 * other.energy_error, PRINTED["figure 3, final"])),
-        f"With fitted constants {final:.2f} % and {abs(mean):.2f} %: the energy falls, and the greatest distance from the "
-        f"centre goes from {first:.2f} to {last:.2f} m. The step control decides: SciPy's RK45, the same pair at the same "
-        f"tolerances, ends with {100 * other.energy_error:.1f} %.",
+        f"With fitted constants {final:.2f} % and {abs(mean):.2f} %: the energy falls, and the greatest distance from "
+        f"the centre goes from {first:.2f} to {last:.2f} m. The step control decides: SciPy's RK45, the same pair at "
+        f"the same tolerances, ends with {100 * other.energy_error:.1f} %.",
     )
 
 
@@ -178,10 +178,10 @@ def measure(runs: Runs) -> Claim:
         "4, equation (42)",
         "The relative change of the total energy measures the error.",
         judged(runs.spinning.energy_error > runs.spinning_finer.energy_error, exceptions=above < 0.9 * printed),
-        f"Without gravity it does (it falls with the tolerance, above). With gravity the zero of the energy is a choice: Figure 5's run lost {-change:.2f} J, "
-        f"which is {printed:.3f} % of its {run.energy[0]:.0f} J counted from the anchor's height, "
-        f"{above:.3f} % of what it has above hanging rest, and infinitely much with heights counted from "
-        f"{height:.1f} m above the anchor.",
+        "Without gravity it does (it falls with the tolerance, above). With gravity the zero of the energy is a "
+        f"choice: Figure 5's run lost {-change:.2f} J, which is {printed:.3f} % of its {run.energy[0]:.0f} J counted "
+        f"from the anchor's height, {above:.3f} % of what it has above hanging rest, and infinitely much with heights "
+        f"counted from {height:.1f} m above the anchor.",
     )
 
 
@@ -217,8 +217,8 @@ def figure_6(runs: Runs) -> Claim:
     )
     return Claim(
         "4, Figures 5 and 6",
-        "In the chaotic run the energy is fairly constant until about 9.5 s, when it takes a dive: 0.28 % in the end, "
-        "0.0253 % in the mean.",
+        "In the chaotic run the energy is fairly constant until about 9.5 s, when it takes a dive: 0.28 % in the "
+        "end, 0.0253 % in the mean.",
         judged(true, exceptions=FITTED),
         f"With fitted constants {final:.3f} % and {abs(mean):.4f} %; until {dive - 0.5:.1f} s the change stays within "
         f"{before:.3f} %, and half of the fall is behind at {dive:.2f} s.",
@@ -239,7 +239,7 @@ def mean_error(runs: Runs) -> Claim:
         "The mean error is much smaller, since most of the time there was much less error.",
         judged(signed < final / 2 and unsigned < final, exceptions=unsigned > 1.5 * signed or spin > 0.5),
         f"Its formula keeps signs, so that gains and losses cancel: on Figure 6 {signed:.4f} %, but {unsigned:.4f} % "
-        f"without signs, and {in_time:.4f} % as a mean over time instead of over the solver's points. Where the energy "
-        f"only falls, as in Figure 7, it is {100 * spin:.0f} % of the final error. It gives a fraction, negative for a "
-        "loss; the paper prints per cent without the sign.",
+        f"without signs, and {in_time:.4f} % as a mean over time instead of over the solver's points. Where the "
+        f"energy only falls, as in Figure 7, it is {100 * spin:.0f} % of the final error. It gives a fraction, "
+        "negative for a loss; the paper prints per cent without the sign.",
     )

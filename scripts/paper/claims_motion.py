@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from paper import measures
 from paper.claim import FITTED, Claim, judged
@@ -11,6 +12,8 @@ from paper.runs import Runs, is_chaotic
 from spring_pendulum_env import Parameters, equilibrium, linearise, normal_modes, physics, simulate
 from spring_pendulum_env.dynamics import LyapunovExponent, quantities
 from spring_pendulum_env.equilibria import BODY_STATE
+
+FloatArray = NDArray[np.float64]
 
 CLOSED = 1e-9
 """m and m/s: an orbit that misses its start by less is closed."""
@@ -43,7 +46,7 @@ def none_found(found: LyapunovExponent) -> str:
 def two_free_masses(runs: Runs) -> Claim:
     motion = runs.config.spinning
     times = np.linspace(0.0, motion.duration / 4, 101)
-    start = np.array(motion.start)
+    start: FloatArray = np.array(motion.start)
     start[8] += 1.0  # some momentum, in another direction than the spin
     still = simulate(motion.constants, start, times).states
     falling = simulate(motion.constants.replace({"g": Parameters().g}), start, times).states
@@ -55,8 +58,8 @@ def two_free_masses(runs: Runs) -> Claim:
         "4 and 5",
         "With k1 = 0 the system acts like two independent masses connected by a spring.",
         judged(drift < 1e-8 and apart < 1e-6),
-        f"The momentum of both is kept to {drift:.0e} kg m/s in {times[-1]:g} s; with gravity the two fall together, and "
-        f"their motion about each other is the same to {apart:.0e} m.",
+        f"The momentum of both is kept to {drift:.0e} kg m/s in {times[-1]:g} s; with gravity the two fall together, "
+        f"and their motion about each other is the same to {apart:.0e} m.",
     )
 
 
@@ -72,17 +75,17 @@ def one_mass(runs: Runs) -> Claim:
         errors[height] = 100 * run.energy_error
         alone = measures.of_one_mass(orbit.parameters, run.states)
     elsewhere = np.r_[orbit.state[:3], 7.0, -3.0, 900.0, orbit.state[6:9], 0.0, 5.0, 0.0]
-    exact = [simulate(orbit.parameters, start, (0.0, orbit.period)).states[-1, :3] for start in (orbit.state, elsewhere)]
-    alike = float(np.abs(exact[1] - exact[0]).max())
+    here, there = (simulate(orbit.parameters, start, (0.0, orbit.period)) for start in (orbit.state, elsewhere))
+    alike = float(np.abs(there.states[-1, :3] - here.states[-1, :3]).max())
     of_mass_1 = 100 * float(physics.energy_error(alone[-1] - alone[0], alone[0]))
     low, high = errors[0.0], errors[1000.0]
     return Claim(
         "5",
         "With k2 = 0 the model is one spring and one mass.",
         judged(alike < CLOSED, exceptions=low > 1.2 * high),
-        f"For mass 1 it is: wherever mass 2 starts, it moves the same to {alike:.0e} m. Mass 2 still falls freely, and equation (42) counts its energy: {low:.3f} % on Figure 9's "
-        f"motion where it starts at the anchor's height and {high:.3f} % a kilometre above, against {of_mass_1:.3f} % of "
-        "mass 1 alone.",
+        f"For mass 1 it is: wherever mass 2 starts, it moves the same to {alike:.0e} m. Mass 2 still falls freely, "
+        f"and equation (42) counts its energy: {low:.3f} % on Figure 9's motion where it starts at the anchor's "
+        f"height and {high:.3f} % a kilometre above, against {of_mass_1:.3f} % of mass 1 alone.",
     )
 
 
@@ -99,10 +102,10 @@ def figure_9(runs: Runs) -> Claim:
         "5, Figure 9",
         "A single spring-mass moves periodically, X within 20 and Z from about -25 to 5.",
         judged(orbit.closure < CLOSED and fills, exceptions=FITTED),
-        f"This start does: X from {x.min():.1f} to {x.max():.1f} m, Z from {z.min():.1f} to {z.max():.1f} m, closed to "
-        f"{orbit.closure:.0e} after {orbit.period:.3f} s, and {'stable' if orbit.stable else 'unstable'}. It had to be "
-        "searched for: most starts near it don't close. Of a spring with L1 = 0 every start does, and "
-        f"k1 = {ellipse.k1:.2f} N/m fills the same axes with an ellipse (X within {wide:.0f}, Z from {low:.1f} to "
+        f"This start does: X from {x.min():.1f} to {x.max():.1f} m, Z from {z.min():.1f} to {z.max():.1f} m, closed "
+        f"to {orbit.closure:.0e} after {orbit.period:.3f} s, and {'stable' if orbit.stable else 'unstable'}. It had "
+        "to be searched for: most starts near it don't close. Of a spring with L1 = 0 every start does, and k1 = "
+        f"{ellipse.k1:.2f} N/m fills the same axes with an ellipse (X within {wide:.0f}, Z from {low:.1f} to "
         f"{high:.1f} m): perhaps what the paper drew.",
     )
 
@@ -127,13 +130,14 @@ def always_periodic(runs: Runs) -> Claim:
     return Claim(
         "5",
         "The motion of a single spring-mass is always periodic without air resistance.",
-        judged(not chaotic and not is_chaotic(space) and np.ptp(turns) < 1e-6),
-        f"With L1 = 0 it is (closed to {linear_miss:.0e} m after 2 pi sqrt(m/k)), and on the vertical below the anchor "
-        f"(closed to {vertical.closure:.0e}, yet unstable to a push sideways at {pendulum.vertical_amplitude:g} m: "
-        f"multiplier {np.abs(vertical.multipliers).max():.1f}). Without gravity only the length is periodic (to "
-        f"{kept:.0e} m); the angle between greatest lengths goes from {turns.min():.3f} to {turns.max():.3f} turns with "
-        "the speed, steadily, so that orbits close only where it is a fraction (Bertrand 1873). With gravity and "
-        f"L1 > 0, at one energy {len(chaotic)} of {len(runs.pendulum_starts)} starts in a plane are chaotic (up to "
+        judged(not chaotic and not is_chaotic(space) and bool(np.ptp(turns) < 1e-6)),
+        f"With L1 = 0 it is (closed to {linear_miss:.0e} m after 2 pi sqrt(m/k)), and on the vertical below the "
+        f"anchor (closed to {vertical.closure:.0e}, yet unstable to a push sideways at "
+        f"{pendulum.vertical_amplitude:g} m: multiplier {np.abs(vertical.multipliers).max():.1f}). Without gravity "
+        f"the motion stays in a plane and only the length is periodic (to {kept:.0e} m); the angle between greatest "
+        f"lengths goes from {turns.min():.3f} to {turns.max():.3f} turns with the speed, steadily, so that orbits "
+        "close only where it is a fraction, and are quasi-periodic else. With gravity and L1 > 0, at one energy "
+        f"{len(chaotic)} of {len(runs.pendulum_starts)} starts in a plane are chaotic (up to "
         f"{number(largest)}){others}; and the start in space has {number(space)}.",
     )
 
@@ -153,8 +157,8 @@ def figure_8(runs: Runs) -> Claim:
         "5, Figure 8",
         "The double spring-mass can move periodically.",
         judged(orbit.closure < CLOSED),
-        f"From our start both masses are back after {orbit.period:.4f} s to {orbit.closure:.0e}; no small displacement "
-        f"grows (largest Floquet multiplier {largest:.6f}).",
+        f"From our start both masses are back after {orbit.period:.4f} s to {orbit.closure:.0e}; no small "
+        f"displacement grows (largest Floquet multiplier {largest:.6f}).",
     )
 
 
@@ -166,9 +170,9 @@ def figure_5(runs: Runs) -> Claim:
         "Figure 5 shows chaotic motion, which follows no specific pattern.",
         judged(is_chaotic(found), exceptions=growth < 1e4),
         f"With our start its largest Lyapunov exponent is {number(found)} over {found.times[-1]:,.0f} s. In the "
-        f"{duration:g} s of the figure small errors grow {growth:,.0f}-fold, so the figure "
-        "alone can't tell it from a long regular motion. And chaos has a rule: the equations, and energy and angular "
-        "momentum about the vertical kept.",
+        f"{duration:g} s of the figure small errors grow {growth:,.0f}-fold, so the figure alone can't tell it from a "
+        "long regular motion. And chaos has a rule: the equations, and energy and angular momentum about the "
+        "vertical kept.",
     )
 
 
@@ -188,8 +192,8 @@ def periodic_or_chaotic(runs: Runs) -> Claim:
         "5",
         "The motion of the double spring-mass can be periodic or chaotic, depending on the start.",
         judged(both, exceptions=third),
-        f"Both occur, and a third kind between them: quasi-periodic motion. On the vertical the default pendulum is linear "
-        f"with frequencies {slow:.4f} and {fast:.4f} rad/s; their ratio, the golden one squared to "
+        "Both occur, and a third kind between them: quasi-periodic motion. On the vertical the default pendulum is "
+        f"linear with frequencies {slow:.4f} and {fast:.4f} rad/s; their ratio, the golden one squared to "
         f"{abs(fast / slow - golden**2):.0e}, is irrational, so that with both it never repeats, yet its exponent is "
         f"{none_found(found)}.",
     )
@@ -215,9 +219,9 @@ def resistance(runs: Runs) -> Claim:
         "5",
         "With air resistance the motion always stops in the end, the springs stretched only to account for gravity.",
         judged(bool(settled.all()), exceptions=bool((pressed < [p.L1, p.L2]).all()) and speed > 1),
-        f"{settled.sum()} of {len(starts)} random starts (R = {p.R1:g} kg/s) end with springs of L1 + (m1 + m2) g / k1 = "
-        f"{wanted[0]:.4f} m and L2 + m2 g / k2 = {wanted[1]:.4f} m, to {CLOSED:g} m within {air.duration:g} s; what is "
-        f"left decays as exp(-{rate:.2f} t) and is never quite nothing. Two conditions: off the vertical (straight up "
-        f"above the anchor it ends with springs pressed to {pressed[0]:.4f} and {pressed[1]:.4f} m), and both springs "
-        f"there (with k1 = 0 the masses fall for ever, at {speed:.1f} m/s).",
+        f"{settled.sum()} of {len(starts)} random starts (R = {p.R1:g} kg/s) end with springs of L1 + (m1 + m2) g / "
+        f"k1 = {wanted[0]:.4f} m and L2 + m2 g / k2 = {wanted[1]:.4f} m, to {CLOSED:g} m within {air.duration:g} s; "
+        f"what is left decays as exp(-{rate:.2f} t) and is never quite nothing. Two conditions: off the vertical "
+        f"(straight up above the anchor it ends with springs pressed to {pressed[0]:.4f} and {pressed[1]:.4f} m), and "
+        f"both springs there (with k1 = 0 the masses fall for ever, at {speed:.1f} m/s).",
     )

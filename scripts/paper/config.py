@@ -6,14 +6,21 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from agents.config import Count, Number, Positive, Section, Seed
 from pydantic import AfterValidator, ValidationError
 
+from agents.config import Count, Number, Positive, Section, Seed
 from spring_pendulum_env import Parameters
 
 FOLDER = Path(__file__).resolve().parent.parent.parent / "configs"
 
-State = tuple[(Number,) * 12]  # type: ignore[valid-type]
+
+def _state(numbers: tuple[float, ...]) -> tuple[float, ...]:
+    if len(numbers) != 12:
+        raise ValueError(f"must have 12 numbers, not {len(numbers)}")
+    return numbers
+
+
+State = Annotated[tuple[Number, ...], AfterValidator(_state)]
 """X1 Y1 Z1 X2 Y2 Z2 in m, then their rates in m/s."""
 
 

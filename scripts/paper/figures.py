@@ -13,14 +13,15 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
-from agents.files import write_atomically
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from PIL import Image
 
+from agents.files import write_atomically
 from paper import measures
 from paper.config import Motion
 from paper.printed import FIGURE_9_X, FIGURE_9_Z
@@ -34,7 +35,7 @@ FloatArray = NDArray[np.float64]
 MASS_1, MASS_2, START, INK, GREY = "#0072B2", "#D55E00", "#C00000", "#222222", "#8A8A8A"
 GREEN, PINK, ORANGE, SKY = "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 
-STYLE = {
+STYLE: Any = {
     "font.size": 10,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -46,12 +47,12 @@ STYLE = {
 
 
 def draw(runs: Runs, name: str, folder: Path, *, svg: bool = True) -> None:
-    """Draws one of FIGURES into a folder, as PNG of few colours, and as SVG."""
+    """Draws one of FIGURES into a folder, as PNG of 256 colours, a quarter as large as one of all, and as SVG."""
     with plt.rc_context(STYLE):
         figure = FIGURES[name](runs)
         drawn = io.BytesIO()
         figure.savefig(drawn, format="png", dpi=110)
-        small = Image.open(drawn).convert("RGB").quantize(96, dither=Image.Dither.NONE)
+        small = Image.open(drawn).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
         write_atomically(folder / f"{name}.png", lambda file: small.save(file, format="png", optimize=True))
         if svg:
             write_atomically(
@@ -88,7 +89,7 @@ def _spin(runs: Runs, run: Trajectory, rtol: float, name: str) -> Figure:
     axes.add_collection(line)
     axes.plot(x[0], y[0], "o", color=START, markersize=8, zorder=3)
     axes.annotate("start", (x[0], y[0]), xytext=(-4, -18), textcoords="offset points", ha="right", color=START)
-    axes.set(xlim=(-7.3, 7.3), ylim=(-7.3, 7.3), aspect="equal", xlabel="$X_1$ (m)", ylabel="$Y_1$ (m)")
+    axes.set(xlim=(-7.6, 7.6), ylim=(-7.3, 7.3), aspect="equal", xlabel="$X_1$ (m)", ylabel="$Y_1$ (m)")
     axes.set_title(
         f"{name}: two masses joined by a spring, ode45 at a relative\ntolerance of {rtol:g}; "
         f"energy error {100 * run.energy_error:.2f} % after {run.times[-1]:g} s"
@@ -111,7 +112,7 @@ def figure_5(runs: Runs) -> Figure:
     space.set(xlabel="$X$ (m)", ylabel="$Y$ (m)", zlabel="$Z$ (m)")
     for axis in (space.xaxis, space.yaxis, space.zaxis):
         axis.set_major_locator(MaxNLocator(4))
-    space.set_box_aspect(np.ptp(run.states[:, [0, 1, 2]], axis=0) + np.ptp(run.states[:, 3:6], axis=0), zoom=0.9)
+    space.set_box_aspect(np.ptp(run.states[:, [0, 1, 2]], axis=0) + np.ptp(run.states[:, 3:6], axis=0), zoom=1.15)
     space.view_init(elev=20, azim=-40)
     side = figure.add_subplot(grid[1])
     along = np.linalg.svd(np.concatenate([run.states[:, 0:2], run.states[:, 3:5]]), full_matrices=False)[2][0]
@@ -123,7 +124,7 @@ def figure_5(runs: Runs) -> Figure:
     side.plot(0, 0, "^", color=INK, markersize=7)
     side.set(xlabel=f"along ({along[0]:.2f}, {along[1]:.2f}, 0) (m)", ylabel="$Z$ (m)", aspect="equal")
     handles, labels = space.get_legend_handles_labels()
-    handles.append(plt.Line2D([], [], marker="o", linestyle="", color=START))
+    handles.append(Line2D([], [], marker="o", linestyle="", color=START))
     figure.legend(handles, [*labels, "start"], loc="outside lower center", ncols=4)
     figure.suptitle(
         f"Figure 5: position of the masses, a chaotic motion of {run.times[-1]:g} s "
@@ -164,8 +165,8 @@ def _energy(run: Trajectory, motion: Motion, title: str) -> Figure:
     right = axes.secondary_yaxis(
         "right",
         functions=(
-            lambda joule: 100 * (joule / run.energy[0] - 1),
-            lambda per_cent: run.energy[0] * (1 + per_cent / 100),
+            lambda joule: 100 * (np.asarray(joule) / run.energy[0] - 1),
+            lambda per_cent: run.energy[0] * (1 + np.asarray(per_cent) / 100),
         ),
     )
     right.set_ylabel("change (%)")
@@ -212,8 +213,10 @@ def figure_9(runs: Runs) -> Figure:
 
 
 def single_spring(runs: Runs) -> Figure:
-    """A section of the energy surface, exponents against time, and the angle between greatest lengths without gravity."""
-    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(12.4, 4.3), width_ratios=(1.25, 1, 1), layout="constrained")
+    """A section of the energy surface, exponents, and the angle between greatest lengths without gravity."""
+    figure, (left, middle, right) = plt.subplots(
+        1, 3, figsize=(12.4, 4.3), width_ratios=(1.25, 1, 1), layout="constrained"
+    )
     pendulum = runs.config.elastic_pendulum
     shades = iter((MASS_1, GREEN, PINK, SKY, ORANGE, MASS_2, "#8C6BB1"))
     starts = runs.pendulum_starts
@@ -242,7 +245,9 @@ def single_spring(runs: Runs) -> Figure:
         right.axhline(share, color=GREY, linewidth=0.8, linestyle=":")
         right.text(max(speeds) * 1.02, share, name, va="center", fontsize=8, color="#555555")
     right.plot(speeds, turns, "o-", color=MASS_1, markersize=4)
-    right.set(xlabel=f"speed sideways at {runs.config.no_gravity.distance:g} m (m/s)", xlim=(0, max(speeds)), ylim=(0, 0.52))
+    right.set(
+        xlabel=f"speed sideways at {runs.config.no_gravity.distance:g} m (m/s)", xlim=(0, max(speeds)), ylim=(0, 0.52)
+    )
     right.set(ylabel="turns from one greatest length to the next")
     right.set_title("Without gravity: the orbit closes only\nwhere this is a fraction (dotted: some)")
     figure.suptitle(
@@ -261,14 +266,14 @@ def air_resistance(runs: Runs) -> Figure:
     heights = equilibrium(p, "hanging-hanging")
     rest = -heights[5], heights[5] - heights[8]
     figure, axes = plt.subplots(figsize=(7.6, 3.9), layout="constrained")
-    for number, (colour, unstretched) in enumerate(((MASS_1, p.L1), (MASS_2, p.L2))):
+    for number, colour in enumerate((MASS_1, MASS_2)):
         axes.plot(run.times, lengths[:, number], color=colour, linewidth=1.1, label=f"spring {number + 1}")
         axes.axhline(rest[number], color=colour, linestyle="--", linewidth=1)
         axes.annotate(
             f"{rest[number]:.4f} m", (1.0, rest[number]), xycoords=("axes fraction", "data"),
             xytext=(4, 0), textcoords="offset points", va="center", fontsize=8, color=colour,
         )  # fmt: skip
-    axes.axhline(unstretched, color=GREY, linewidth=1, linestyle=":")
+    axes.axhline(p.L2, color=GREY, linewidth=1, linestyle=":")
     axes.annotate(
         "unstretched", (1.0, p.L2), xycoords=("axes fraction", "data"),
         xytext=(4, 0), textcoords="offset points", va="center", fontsize=8, color="#555555",

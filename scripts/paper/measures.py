@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 
 import gymnasium as gym
@@ -135,7 +136,7 @@ def extremes(parameters: Constants, start: ArrayLike, duration: float, spring: i
     axis = np.cross(*springs[0]) if springs else np.zeros(3)
     axis /= np.linalg.norm(axis) or 1.0
     ends = [along for (along, _), is_far in zip(springs, far, strict=True) if is_far]
-    turns = [np.arctan2(axis @ np.cross(a, b), a @ b) % (2 * np.pi) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    turns = [np.arctan2(axis @ np.cross(a, b), a @ b) % (2 * np.pi) for a, b in itertools.pairwise(ends)]
     return Extremes(times[far], lengths[far], lengths[~far], np.array(turns))
 
 

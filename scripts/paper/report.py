@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from agents.files import write_csv, write_json, write_text
-
 from paper import measures
 from paper.claim import Claim
 from paper.config import Config
@@ -67,7 +67,9 @@ def markdown(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
     """A Markdown table, its columns aligned for reading as plain text."""
     cells = [list(header), *map(list, lines)]
     widths = [max(len(line[column]) for line in cells) for column in range(len(header))]
-    texts = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) + " |" for line in cells]
+    texts = [
+        "| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) + " |" for line in cells
+    ]
     texts.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
     return "\n".join(texts)
 
@@ -104,52 +106,54 @@ def misprints() -> list[str]:
 
 def report(runs: Runs, found: Sequence[Row], claims: Sequence[Claim], command: str) -> str:
     """All of it on a page."""
-    count = {verdict: sum(claim.verdict == verdict for claim in claims) for verdict in ("holds", "holds with a condition", "fails")}
-    claim_lines = [
-        (str(number), claim.section, claim.says, f"**{claim.verdict}**", claim.evidence)
+    count = collections.Counter(claim.verdict for claim in claims)
+    items = [
+        f"{number}. {claim.says} (Section {claim.section}.) **{claim.verdict.capitalize()}.** {claim.evidence}"
         for number, claim in enumerate(claims, start=1)
     ]
     return "\n".join(
         [
             "# The paper, reproduced",
             "",
-            f"J. Pierce, *Double Spring Pendulum*, by `{command}` (spring_pendulum_env {__version__}). The paper prints no "
-            "constants, starts or times: those here are fitted (configs/paper.yaml), and others would do as well. What "
-            "its Figures 3 to 8 show is known to us from its text and captions alone, so the views are our choice; "
-            "Figure 9's axes are the printed ones.",
+            f"J. Pierce, *Double Spring Pendulum*, by `{command}` (spring_pendulum_env {__version__}). The paper "
+            "prints no constants, starts or times: those here are fitted (configs/paper.yaml), and others would do "
+            "as well. What its Figures 3 to 8 show is known to us from its text and captions alone, so the views are "
+            "our choice; Figure 9's axes are the printed ones.",
             "",
             "## Its numbers beside ours",
             "",
             numbers_table(found),
             "",
             "The mean keeps its sign here, as in the paper's formula. ode45 is MATLAB's step control with AbsTol "
-            f"{runs.config.spinning.atol:g} and four points of output for each step (spring_pendulum_env/ode45.py); the "
-            "numbers hang on it.",
+            f"{runs.config.spinning.atol:g} and four points of output for each step (spring_pendulum_env/ode45.py); "
+            "the numbers hang on it.",
             "",
             motions_table(runs),
             "",
             f"## Its claims: {count['holds']} hold, {count['holds with a condition']} hold with a condition, "
             f"{count['fails']} fail{'s' if count['fails'] == 1 else ''}",
             "",
-            markdown(("", "section", "the paper says", "verdict", "evidence"), claim_lines),
+            "In our words:",
+            "",
+            *items,
             "",
             "![One spring: section, exponents, orbits without gravity](single-spring.png)",
             "",
-            "Chaos of the elastic pendulum with gravity is well known: H. N. Nunez-Yepez, A. L. Salas-Brito, C. A. Vargas "
-            "and L. Vicente, Phys. Lett. A 145 (1990) 101; J. P. van der Weele and E. de Kleine, Physica A 228 (1996) "
-            "245. That only the inverse-square and the linear force close every bounded orbit is J. Bertrand's theorem, "
-            "C. R. Acad. Sci. 77 (1873) 849. Errors of exponents are standard errors.",
+            "Chaos of the elastic pendulum with gravity is well known: H. N. Núñez-Yépez, A. L. Salas-Brito, C. A. "
+            "Vargas and L. Vicente, Phys. Lett. A 145 (1990) 101; J. P. van der Weele and E. de Kleine, Physica A "
+            "228 (1996) 245. That only the inverse-square and the linear force close every bounded orbit is J. "
+            "Bertrand's theorem, C. R. Acad. Sci. 77 (1873) 849. Errors of exponents are standard errors.",
             "",
             "## Its misprints",
             "",
             *(f"- {item}" for item in misprints()),
-            "- The text after Figure 6 prints the mean errors in per cent and positive; its formula gives a fraction, and a "
-            "negative one where energy is lost.",
+            "- The text after Figure 6 prints the mean errors in per cent and positive; its formula gives a "
+            "fraction, and a negative one where energy is lost.",
             "",
             "Where they differ the code follows the Lagrangian. (12), (14) and (35) may be faults of our copy's text.",
             "",
+            *_pictures(),
         ]
-        + _pictures()
     )
 
 

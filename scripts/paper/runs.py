@@ -20,9 +20,11 @@ from spring_pendulum_env.dynamics import (
     periodic_orbit,
     poincare_section,
 )
+from spring_pendulum_env.dynamics.progress import Progress
 from spring_pendulum_env.simulation import Trajectory
 
 FloatArray = NDArray[np.float64]
+
 
 @dataclasses.dataclass(frozen=True)
 class Start:
@@ -44,10 +46,11 @@ def is_chaotic(found: LyapunovExponent) -> bool:
 
 
 class Runs:
-    """The motions of a config."""
+    """The motions of a config; with `progress`, what takes long draws a bar."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, progress: bool = False) -> None:
         self.config = config
+        self.progress = progress
 
     def ode45(self, motion: Motion, duration: float, rtol: float | None = None) -> Trajectory:
         """A motion by MATLAB's rules, at the solver's own points."""
@@ -96,10 +99,12 @@ class Runs:
     def pendulum_starts(self) -> list[Start]:
         pendulum = self.config.elastic_pendulum
         found = []
-        for height, rise in pendulum.starts:
-            state = measures.on_energy(pendulum.constants, height, rise, pendulum.energy)
-            crossings = poincare_section(pendulum.constants, state, Section.at("X1"), pendulum.section_duration)
-            found.append(Start(state, self.exponent(pendulum.constants, state), crossings))
+        with Progress("sections and exponents", len(pendulum.starts), show=self.progress) as bar:
+            for height, rise in pendulum.starts:
+                state = measures.on_energy(pendulum.constants, height, rise, pendulum.energy)
+                crossings = poincare_section(pendulum.constants, state, Section.at("X1"), pendulum.section_duration)
+                found.append(Start(state, self.exponent(pendulum.constants, state), crossings))
+                bar.add(1)
         return found
 
     @cached_property
