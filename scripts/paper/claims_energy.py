@@ -173,7 +173,7 @@ def measure(runs: Runs) -> Claim:
     printed = 100 * run.energy_error
     above = 100 * abs(change) / (run.energy[0] - rest)
     weight = float(physics.static_load(p.m1, p.m2, p.g))
-    height = run.energy[0] / weight
+    height = run.energy[0] / weight if weight > 0 else np.inf
     return Claim(
         "4, equation (42)",
         "The relative change of the total energy measures the error.",

@@ -101,8 +101,8 @@ def _spin(runs: Runs, run: Trajectory, rtol: float, name: str) -> Figure:
 def figure_5(runs: Runs) -> Figure:
     """Paths of both masses, in space and seen from the side, square to where they spread most."""
     run = runs.chaotic
-    figure = plt.figure(figsize=(9.6, 4.9), layout="constrained")
-    grid = figure.add_gridspec(1, 2, width_ratios=(1.05, 1))
+    figure = plt.figure(figsize=(10.2, 4.6), layout="constrained")
+    grid = figure.add_gridspec(1, 2, width_ratios=(1.2, 1))
     space: Any = figure.add_subplot(grid[0], projection="3d")
     for name, colour, first in (("mass 1", MASS_1, 0), ("mass 2", MASS_2, 3)):
         x, y, z = run.states[:, first : first + 3].T
@@ -112,7 +112,7 @@ def figure_5(runs: Runs) -> Figure:
     space.set(xlabel="$X$ (m)", ylabel="$Y$ (m)", zlabel="$Z$ (m)")
     for axis in (space.xaxis, space.yaxis, space.zaxis):
         axis.set_major_locator(MaxNLocator(4))
-    space.set_box_aspect(np.ptp(run.states[:, [0, 1, 2]], axis=0) + np.ptp(run.states[:, 3:6], axis=0), zoom=1.15)
+    space.set_box_aspect(np.ptp(run.states[:, [0, 1, 2]], axis=0) + np.ptp(run.states[:, 3:6], axis=0), zoom=1.0)
     space.view_init(elev=20, azim=-40)
     side = figure.add_subplot(grid[1])
     along = np.linalg.svd(np.concatenate([run.states[:, 0:2], run.states[:, 3:5]]), full_matrices=False)[2][0]
