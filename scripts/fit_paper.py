@@ -1,4 +1,4 @@
-"""How the constants and starts of configs/paper.yaml were found: a search for the energy errors that the paper prints."""
+"""How constants and starts of configs/paper.yaml were found: a search for the energy errors that the paper prints."""
 
 from __future__ import annotations
 

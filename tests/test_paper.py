@@ -30,6 +30,7 @@ measures: Any = importlib.import_module("paper.measures")
 report: Any = importlib.import_module("paper.report")
 claim: Any = importlib.import_module("paper.claim")
 printed: Any = importlib.import_module("paper.printed")
+fitting: Any = importlib.import_module("paper.fitting")
 claims_energy: Any = importlib.import_module("paper.claims_energy")
 claims_motion: Any = importlib.import_module("paper.claims_motion")
 Runs: Any = importlib.import_module("paper.runs").Runs
@@ -69,6 +70,29 @@ def test_errors_are_nearer_to_the_printed_ones_than_with_other_step_controls(
         away = abs(ours[kind] - printed.PRINTED[key])
         for other in ("octave_ode45", "scipy_RK45"):
             assert away < abs(abs(others[other][f"{kind}_error_percent"]) - printed.PRINTED[key])
+
+
+def test_search_finds_the_spinning_fit(runs: Any) -> None:
+    found = min(fitting.spinning(sizes=(6.0,), speeds=(2.0, 5.0)), key=lambda fit: abs(fit.duration - 80) + fit.misfit)
+    assert found.duration == runs.config.spinning.duration
+    np.testing.assert_array_equal(found.start, runs.config.spinning.start)
+    assert found.errors["figure 3, final"] == pytest.approx(100 * runs.spinning.energy_error, rel=0.02)
+    assert found.errors["figure 7, mean"] == pytest.approx(100 * abs(runs.spinning.mean_energy_error), rel=0.02)
+    assert found.misfit < 0.15
+
+
+def test_search_finds_the_chaotic_fit(runs: Any) -> None:
+    """On a coarse grid that holds it and many others."""
+    found = min(fitting.chaotic(stiffnesses=(20.0, 25.0), places=(5.0, 10.0)), key=lambda fit: fit.misfit)
+    np.testing.assert_array_equal(found.start, runs.config.chaotic.start)
+    assert (found.parameters["k1"], found.parameters["k2"]) == (20.0, 25.0)
+    assert found.errors["figure 5, final"] == 100 * runs.chaotic.energy_error
+
+
+def test_misfit_is_the_largest_ratio_either_way() -> None:
+    assert fitting.misfit({"figure 4, final": 0.57}) == 0
+    assert fitting.misfit({"figure 4, final": 1.14, "figure 5, final": 0.07}) == pytest.approx(np.log(4))
+    assert fitting.misfit({"figure 4, final": 0.0}) > 20
 
 
 def test_energy_dives_when_the_paper_says(runs: Any) -> None:
@@ -274,8 +298,8 @@ def test_file_that_is_no_config(tmp_path: Path, text: str, message: str) -> None
 # The command.
 
 
-def run(*arguments: Any) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, ROOT / "scripts" / "reproduce_paper.py", *arguments]
+def run(*arguments: Any, script: str = "reproduce_paper") -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, ROOT / "scripts" / f"{script}.py", *arguments]
     return subprocess.run(list(map(str, command)), cwd=ROOT, capture_output=True, text=True, check=False)
 
 
@@ -299,8 +323,12 @@ def test_command_writes_report_numbers_and_pictures(tmp_path: Path) -> None:
 def test_wrong_arguments_are_one_line(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_text("")
-    for arguments, named in ((("--output", file), "is a file"), (("--config", tmp_path / "no.yaml"), "cannot be read")):
-        done = run(*arguments)
+    for script, arguments, named in (
+        ("reproduce_paper", ("--output", file), "is a file"),
+        ("reproduce_paper", ("--config", tmp_path / "no.yaml"), "cannot be read"),
+        ("fit_paper", ("spinning", "--best", 0), "--best 0: must be at least 1"),
+    ):
+        done = run(*arguments, script=script)
         assert done.returncode == 2
         assert named in done.stderr
         assert done.stderr.count("\n") == 1

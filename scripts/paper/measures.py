@@ -6,13 +6,14 @@ import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import simpson, solve_ivp
 
-from spring_pendulum_env import Parameters, energy, physics, simulate
+from spring_pendulum_env import Parameters, energy, physics, simulate, tasks
 from spring_pendulum_env.dynamics.flow import Flow
+from spring_pendulum_env.equilibria import BODY_STATE
+from spring_pendulum_env.scenario import Scenario
 from spring_pendulum_env.simulation import right_hand_side
 
 FloatArray = NDArray[np.float64]
@@ -166,10 +167,9 @@ def on_energy(parameters: Constants, height: float, rise: float, joule: float) -
 
 def random_starts(parameters: Constants, count: int, seed: int) -> FloatArray:
     """Starts as SpringPendulumPassive-v0 draws them with seeds seed, seed + 1, ...; shape (count, 12)."""
-    envs = gym.make_vec("SpringPendulumPassive-v0", num_envs=count, parameters=Parameters.of(parameters))
-    states, _ = envs.reset(seed=seed)
-    envs.close()
-    return np.array(states)
+    scenario = Scenario.of(tasks.PASSIVE, parameters=Parameters.of(parameters))
+    drawn = [scenario.draw(np.random.default_rng(seed + number), None)[1] for number in range(count)]
+    return np.array(drawn)[:, BODY_STATE]
 
 
 def moved(parameters: Constants, starts: ArrayLike, duration: float) -> FloatArray:
