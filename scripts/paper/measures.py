@@ -42,7 +42,7 @@ def lagrangian_mismatch(parameters: Constants, states: ArrayLike) -> float:
         for number in range(6):
             where = state[:6].astype(complex)
             where[number] += 1e-30j
-            potential = physics.potential_energy(*still, *where, p.m1, p.m2, p.k1, p.k2, p.L1, p.L2, p.g)  # type: ignore[call-arg]
+            potential = physics.potential_energy(*[*still, *where, p.m1, p.m2, p.k1, p.k2, p.L1, p.L2, p.g])
             gradient[number] = potential.imag / 1e-30
         forces = masses * np.array(slope(0.0, state)[6:])
         misses.append(np.abs(forces + gradient + drags * state[6:]).max())
@@ -79,8 +79,8 @@ def action_changes(
         columns = states.T.copy()
         columns[coordinate] += amplitude * np.sin(phase)
         columns[6 + coordinate] += amplitude * np.pi / duration * np.cos(phase)
-        kinetic = physics.kinetic_energy(*rest, *columns[6:], p.m0, p.m1, p.m2)  # type: ignore[call-arg]
-        potential = physics.potential_energy(*rest, *columns[:6], p.m1, p.m2, p.k1, p.k2, p.L1, p.L2, p.g)  # type: ignore[call-arg]
+        kinetic = physics.kinetic_energy(*[*rest, *columns[6:], p.m0, p.m1, p.m2])
+        potential = physics.potential_energy(*[*rest, *columns[:6], p.m1, p.m2, p.k1, p.k2, p.L1, p.L2, p.g])
         return float(simpson(kinetic - potential, x=times))
 
     return np.array([(action(c, size) + action(c, -size)) / 2 - action(c, 0.0) for c in range(6)])
