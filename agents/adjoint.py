@@ -1,10 +1,10 @@
-"""One control period of many pendulums and its gradient: the derivative-free step of the environments, turned backwards.
+"""One control period of many pendulums, and its gradient: the environments' step, and the same step taken backwards.
 
 An algorithm that learns by gradients through the motion needs, for a step x -> x', the product of a row vector with the
 step's Jacobian. The splitting is a chain of kicks and drifts, so its adjoint is the chain of their adjoints in reverse
 order. The only derivative in it is that of a spring's force by the spring's vector, a symmetric matrix; so its product
-with a row vector is the force's directional derivative, which `physics.spring_force` itself gives on dual numbers (as in
-`spring_pendulum_env.dynamics.tangents`). It holds no formula of its own.
+with a row vector is the force's directional derivative, which `physics.spring_force` itself gives on dual numbers, as
+in `spring_pendulum_env.dynamics.tangents`. It holds no formula of its own.
 
 The step is the environments' splitting, without their guard: where a spring comes close to zero length the numbers are
 less exact, which is of no account in training.

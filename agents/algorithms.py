@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
@@ -19,8 +18,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from agents.config import Config, NetworkConfig
 from agents.controller import STATE_SIZE
-
-ACTIVATIONS: dict[str, type[torch.nn.Module]] = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
+from agents.networks import ACTIVATIONS
 
 
 @dataclass(frozen=True)
