@@ -114,6 +114,24 @@ class PPOConfig(Section):
     log_std_init: Number = -1.0
 
 
+class SACConfig(Section):
+    """Settings of Stable-Baselines3's SAC, under its own names. In each round every row takes one step."""
+
+    learning_rate: Positive = 3e-4
+    buffer_size: Count = 1_000_000
+    learning_starts: Count = 10_000
+    batch_size: Count = 512
+    tau: Share = 0.005
+    gamma: Share = 0.99
+    gradient_steps: Count = 8  # in each round
+
+
+class TQCConfig(SACConfig):
+    """Settings of sb3-contrib's TQC, under its own names."""
+
+    top_quantiles_to_drop_per_net: Count = 2
+
+
 class SHACConfig(Section):
     """Settings of short-horizon actor-critic, agents/shac.py. The learning rates fall linearly to a share of them."""
 
@@ -133,13 +151,15 @@ class Config(Section):
     """One training."""
 
     task: Literal["damping", "stabilisation"]
-    algorithm: Literal["ppo", "shac"] = "ppo"
+    algorithm: Literal["ppo", "sac", "tqc", "shac"] = "ppo"
     environment: EnvironmentConfig = EnvironmentConfig()
     training: TrainingConfig = TrainingConfig()
     observation: ObservationConfig = ObservationConfig()
     network: NetworkConfig = NetworkConfig()
     guide: GuideConfig | None = None  # for shac alone
     ppo: PPOConfig = PPOConfig()
+    sac: SACConfig = SACConfig()
+    tqc: TQCConfig = TQCConfig()
     shac: SHACConfig = SHACConfig()
 
     @model_validator(mode="after")
@@ -150,19 +170,24 @@ class Config(Section):
         if self.algorithm == "shac":
             if self.observation.scales is None:
                 raise ValueError("observation.scales is missing: shac gathers no statistics of its own")
-        else:
-            if self.guide is not None:
-                raise ValueError(f"guide is given, which {self.algorithm} cannot use: only shac can")
-            if (low, high) != (1.0, 1.0):
-                raise ValueError(
-                    f"training.start_scales is {(low, high)}, which {self.algorithm} cannot use: only shac can"
-                )
+        elif self.guide is not None:
+            raise ValueError(f"guide is given, which {self.algorithm} cannot use: only shac can")
+        elif (low, high) != (1.0, 1.0):
+            raise ValueError(
+                f"training.start_scales is {(low, high)}, which {self.algorithm} cannot use: only shac can"
+            )
         return self
 
     @property
     def environment_id(self) -> str:
         """Registered name of the task."""
         return ENVIRONMENT_IDS[self.task]
+
+    @property
+    def gamma(self) -> float:
+        """The discount of the algorithm in use."""
+        section: PPOConfig | SACConfig | SHACConfig = getattr(self, self.algorithm)
+        return section.gamma
 
     def to_yaml(self) -> str:
         """Everything, defaults too, as YAML that `read_config` reads."""

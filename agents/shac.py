@@ -37,7 +37,7 @@ OBJECTIVE_SHARE = 0.2
 
 @dataclass(frozen=True)
 class Window:
-    """What the value learns from: what it sees (t, n, k) before each step, and the return it should have told (t, n)."""
+    """What the value learns from: what it sees (t, n, k) before each step, and the return it should tell (t, n)."""
 
     seen: Tensor
     returns: Tensor

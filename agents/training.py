@@ -25,6 +25,9 @@ from agents.files import write_atomically, write_text
 from agents.policy import CLIP, EPSILON, LearnedPolicy
 from agents.training_env import RelativeObservations, make_training_env, task_equilibrium
 
+STEPS_A_ROW = 32
+"""A row of the curve tells of at least so many steps of each environment."""
+
 
 def train(config: Config, folder: str | Path, *, progress: bool = True) -> LearnedPolicy:
     """Train, or go on with, the policy that `config` describes and that lives in `folder`.
@@ -49,7 +52,7 @@ def train(config: Config, folder: str | Path, *, progress: bool = True) -> Learn
         RelativeObservations(make_training_env(config), reference),
         norm_reward=config.training.normalise_reward,
         clip_obs=CLIP,
-        gamma=config.ppo.gamma,
+        gamma=config.gamma,
         epsilon=EPSILON,
     )
     if config.observation.scales:
@@ -118,6 +121,9 @@ def _write_checkpoint(model: BaseAlgorithm, env: VecNormalize, folder: Path, sec
         "steps": model.num_timesteps,
         "seconds": seconds,
     }
+    entropy = getattr(model, "log_ent_coef", None)  # SAC's, which `get_parameters` leaves out
+    if entropy is not None:
+        content["entropy"] = entropy.detach()
     write_atomically(folder / runs.CHECKPOINT, lambda file: torch.save(content, file))
 
 
@@ -128,6 +134,9 @@ def _read_checkpoint(folder: Path) -> dict[str, Any] | None:
 
 def _restore(model: BaseAlgorithm, env: VecNormalize, checkpoint: dict[str, Any]) -> None:
     model.set_parameters(checkpoint["parameters"], exact_match=True, device="cpu")
+    if "entropy" in checkpoint:
+        with torch.no_grad():
+            model.log_ent_coef.copy_(checkpoint["entropy"])  # type: ignore[attr-defined]
     model.num_timesteps = checkpoint["steps"]
     pairs = ((_running(env.obs_rms), checkpoint["observations"]), (env.ret_rms, checkpoint["returns"]))
     for statistics, saved in pairs:
@@ -199,6 +208,9 @@ class _Recorder(BaseCallback):
         return True
 
     def _on_rollout_end(self) -> None:
+        rows = self.curve.rows if self.curve else []
+        if rows and self.num_timesteps - int(rows[-1]["steps"]) < STEPS_A_ROW * self.config.training.environments:
+            return  # an algorithm with a replay buffer has a rollout of a single step
         row: dict[str, Any] = {"steps": self.num_timesteps, "seconds": round(self.seconds(), 2)}
         row |= {"episodes": len(self.episodes), "return": "", "length": "", "ended_early": ""}
         if self.episodes:
