@@ -70,6 +70,9 @@ class TrainingConfig(Section):
     normalise_reward: bool = True  # of SB3's algorithms
     start_scales: tuple[NonNegative, NonNegative] = (1.0, 1.0)
     """Each start's spread is the environment's times a number drawn evenly from here; shac alone can do it."""
+    episode_steps: Count | None = None
+    """Episodes are cut off after so many steps, if that is sooner than the environment does it: what is hard lies at
+    their beginning, and a value stands for what comes after. For shac alone."""
 
 
 class ObservationConfig(Section):
@@ -172,6 +175,8 @@ class Config(Section):
                 raise ValueError("observation.scales is missing: shac gathers no statistics of its own")
         elif self.guide is not None:
             raise ValueError(f"guide is given, which {self.algorithm} cannot use: only shac can")
+        elif self.training.episode_steps is not None:
+            raise ValueError(f"training.episode_steps is given, which {self.algorithm} cannot use: only shac can")
         elif (low, high) != (1.0, 1.0):
             raise ValueError(
                 f"training.start_scales is {(low, high)}, which {self.algorithm} cannot use: only shac can"

@@ -76,7 +76,7 @@ class DifferentiableEnv:
 
     Attributes:
         states: (n, 18), in the observation's layout; carries the gradient of all steps since `detach`.
-        limits: (n,), after so many steps a row's first episode is cut off, so that the rows don't keep in step.
+        limits: (n,), after so many steps a row is cut off: the first time sooner, so that the rows don't keep in step.
     """
 
     def __init__(self, config: Config, seed: int) -> None:
@@ -95,7 +95,8 @@ class DifferentiableEnv:
         self._parameters = [self.scenario.parameters] * self.rows
         self.models = Models.of(self.scenario, self._parameters)
         self._envs.reset(seed=seed)
-        self.limits = self._random.integers(1, base.max_episode_steps + 1, self.rows).astype(np.float64)
+        self.longest = min(config.training.episode_steps or base.max_episode_steps, base.max_episode_steps)
+        self.limits = self._random.integers(1, self.longest + 1, self.rows)
         self.lengths = np.zeros(self.rows, dtype=np.int64)
         self.states = torch.from_numpy(self._restart(np.ones(self.rows, dtype=np.bool_)))
 
@@ -112,7 +113,7 @@ class DifferentiableEnv:
         ended = terminated | truncated
         self.states = reached
         if ended.any():
-            self.limits[ended] = np.inf
+            self.limits[ended] = self.longest
             self.lengths[ended] = 0
             fresh = torch.from_numpy(self._restart(ended))
             self.states = torch.where(torch.from_numpy(ended)[:, None], fresh, reached)

@@ -25,6 +25,9 @@ class ResidualNetwork(nn.Module):
 
     Without a `guide` in the config there is no LQR: its gain is zero.
 
+    What the network would do at the equilibrium is taken off everywhere, so that the equilibrium stays one. Otherwise
+    the pendulum is parked far off its middle, where LQR's weak pull to it balances a small constant push.
+
     The network sees the relative coordinates of `agents.relative`, scaled as the config says, and where there is a
     guide also those in which LQR's cost is the square of a distance. Close to an unstable equilibrium a few directions
     decide whether it can be saved, small differences of the other coordinates; in these they are large.
@@ -49,10 +52,16 @@ class ResidualNetwork(nn.Module):
         """What the network sees, (..., k), of displacements (..., 18) from the equilibrium, m and m/s."""
         return displacements.float() @ self.features.T
 
-    def forward(self, displacements: Tensor) -> Tensor:
-        """Actions (..., axes) in [-1, 1], in float64."""
+    def at_rest(self) -> Tensor:
+        """What the body says at the equilibrium, (axes,)."""
+        said: Tensor = self.body(self.features.new_zeros(self.features.shape[0]))
+        return said
+
+    def forward(self, displacements: Tensor, at_rest: Tensor | None = None) -> Tensor:
+        """Actions (..., axes) in [-1, 1], in float64; `at_rest()` may be handed in by who needs it many times."""
         guided = limited(displacements.float() @ self.gain.T)
-        actions: Tensor = limited(guided + self.body(self.seen(displacements))).double()
+        offset = self.at_rest() if at_rest is None else at_rest
+        actions: Tensor = limited(guided + self.body(self.seen(displacements)) - offset).double()
         return actions
 
 

@@ -85,8 +85,13 @@ def read_record(folder: Path) -> dict[str, Any]:
     return record
 
 
-def write_record(config: Config, folder: Path, steps: int, seconds: float, *, finished: bool) -> None:
-    """Write run.json of a training that has done so many environment steps in so many seconds."""
+def write_record(
+    config: Config, folder: Path, steps: int, seconds: float, *, finished: bool, processor_seconds: float | None = None
+) -> None:
+    """Write run.json of a training that has done so many environment steps in so many seconds.
+
+    `processor_seconds` are those of one core: what `seconds` would be on a machine with nothing else to do.
+    """
     record = {
         "task": config.environment_id,
         "algorithm": config.algorithm,
@@ -95,6 +100,8 @@ def write_record(config: Config, folder: Path, steps: int, seconds: float, *, fi
         "seconds": round(seconds, 1),
         "finished": finished,
     }
+    if processor_seconds is not None:
+        record["processor_seconds"] = round(processor_seconds, 1)
     write_json(folder / RECORD, record | provenance())
 
 

@@ -78,10 +78,11 @@ class SHAC:
                 group["lr"] = rate * share
         self.env.detach()
         before, transitions = [], []
+        at_rest = self.policy.at_rest()
         for _ in range(self.settings.horizon):
             displacements = self.env.states - self.reference
             before.append(displacements.detach())
-            transitions.append(self.env.step(self.policy(displacements)))
+            transitions.append(self.env.step(self.policy(displacements, at_rest)))
         rewards = self.env.rewards(transitions)
         norm = self._improve_policy(transitions, rewards)
         window = self._returns(torch.stack(before), transitions, rewards.detach())
@@ -175,7 +176,7 @@ def train_shac(config: Config, folder: Path, *, progress: bool) -> ResidualPolic
     path = folder / runs.CHECKPOINT
     checkpoint = torch.load(path, weights_only=True) if path.is_file() else None
     steps = int(checkpoint["steps"]) if checkpoint else 0
-    seconds_before = float(checkpoint["seconds"]) if checkpoint else 0.0
+    clock = _Clock(*(checkpoint["clock"] if checkpoint else (0.0, 0.0)))
     seed = runs.seed_of_stretch(config, steps)
     torch.manual_seed(seed)
     network, reference = make_residual_network(config)
@@ -185,20 +186,19 @@ def train_shac(config: Config, folder: Path, *, progress: bool) -> ResidualPolic
         learner.restore(checkpoint["learner"])
     curve = Curve(folder, steps, config.training.steps, progress)
     episodes = _Episodes(env.rows)
-    started = time.monotonic()
     saved_at = steps
     try:
         while steps < config.training.steps:
             transitions, row = learner.round(steps / config.training.steps)
             steps += env.rows * len(transitions)
-            seconds = seconds_before + time.monotonic() - started
+            seconds, processor_seconds = clock.read()
             finished = episodes.finished(transitions)
             curve.add({"steps": steps, "seconds": round(seconds, 2)} | finished | _rounded(row), finished)
             if steps - saved_at >= config.training.checkpoint_every and steps < config.training.steps:
                 saved_at = steps
-                content = {"learner": learner.state(), "steps": steps, "seconds": seconds}
+                content = {"learner": learner.state(), "steps": steps, "clock": clock.read()}
                 write_atomically(path, lambda file, content=content: torch.save(content, file))  # type: ignore[misc]
-                runs.write_record(config, folder, steps, seconds, finished=False)
+                runs.write_record(config, folder, steps, seconds, finished=False, processor_seconds=processor_seconds)
     finally:
         curve.close()
         env.close()
@@ -206,9 +206,20 @@ def train_shac(config: Config, folder: Path, *, progress: bool) -> ResidualPolic
     variance = np.repeat(np.square(config.observation.scales), len(reference) // 2)
     policy = ResidualPolicy(config, network, reference, np.zeros_like(reference), variance)
     policy.save(folder)
-    runs.write_record(config, folder, steps, seconds_before + time.monotonic() - started, finished=True)
+    seconds, processor_seconds = clock.read()
+    runs.write_record(config, folder, steps, seconds, finished=True, processor_seconds=processor_seconds)
     path.unlink(missing_ok=True)
     return policy
+
+
+class _Clock:
+    """Seconds that a training has taken, interruptions apart: of the wall's clock and of the processor."""
+
+    def __init__(self, wall_before: float, processor_before: float) -> None:
+        self.offsets = wall_before - time.monotonic(), processor_before - time.process_time()
+
+    def read(self) -> tuple[float, float]:
+        return self.offsets[0] + time.monotonic(), self.offsets[1] + time.process_time()
 
 
 def _rounded(row: dict[str, float]) -> dict[str, float]:

@@ -111,7 +111,7 @@ def test_return_and_its_gradient_are_those_of_the_environment(task: str, changes
 
     def play(actions: np.ndarray) -> tuple[torch.Tensor, list[np.ndarray], torch.Tensor]:
         env = DifferentiableEnv(config, seed=3)
-        env.limits[:] = np.inf
+        env.limits[:] = 100
         env.limits[2] = 5  # this row begins anew in between, and its return has nothing to do with what comes after
         forces = torch.tensor(actions, requires_grad=True)
         transitions = [env.step(force) for force in forces]
@@ -138,6 +138,17 @@ def test_starts_have_the_spread_that_the_config_says() -> None:
     assert not away[:, [0, 1, 2, 9, 10, 11]].any()
     assert away[:, 3:9].std() == pytest.approx(0.5 * 0.05, rel=0.05)
     assert away[:, 12:].std() == pytest.approx(0.5 * 0.05, rel=0.05)
+
+
+def test_episodes_are_cut_off_where_the_config_says() -> None:
+    from agents.differentiable import DifferentiableEnv
+
+    config = tiny_config("training.episode_steps=7", "training.environments=50", equilibrium="hanging-hanging")
+    env = DifferentiableEnv(config, seed=0)
+    cut = np.array([env.step(torch.zeros(50, 3, dtype=torch.float64)).truncated for _ in range(21)])
+    env.close()
+    assert np.array_equal(np.unique(cut[:7].argmax(axis=0)), np.arange(7))  # the first ones not all at once
+    assert np.array_equal(cut.sum(axis=0), np.full(50, 3))
 
 
 def test_limited_actions_can_come_back() -> None:
@@ -319,6 +330,7 @@ def test_it_learns_to_balance_from_nothing() -> None:
         ("shac", "guide={state_weights: [1, 1, 1, 1, 1, 0], effort_weight: 1}", ["guide.state_weights.5", "greater"]),
         ("shac", "guide={colour: red}", ["guide.colour", "allowed", "effort_weight"]),
         ("shac", "shac.horizons=3", ["shac.horizons", "allowed", "horizon"]),
+        ("ppo", "training.episode_steps=100", ["training.episode_steps", "only shac"]),
         ("ppo", "training.start_scales=[0.1, 1]", ["training.start_scales", "only shac"]),
         ("ppo", "guide={state_weights: [1, 1, 1, 1, 1, 1], effort_weight: 1}", ["guide", "only shac"]),
     ],
