@@ -208,8 +208,9 @@ class _Recorder(BaseCallback):
         return True
 
     def _on_rollout_end(self) -> None:
-        rows = self.curve.rows if self.curve else []
-        if rows and self.num_timesteps - int(rows[-1]["steps"]) < STEPS_A_ROW * self.config.training.environments:
+        assert self.curve is not None, "training has started"
+        told = int(self.curve.rows[-1]["steps"]) if self.curve.rows else 0
+        if self.num_timesteps - told < STEPS_A_ROW * self.config.training.environments:
             return  # an algorithm with a replay buffer has a rollout of a single step
         row: dict[str, Any] = {"steps": self.num_timesteps, "seconds": round(self.seconds(), 2)}
         row |= {"episodes": len(self.episodes), "return": "", "length": "", "ended_early": ""}
@@ -223,7 +224,6 @@ class _Recorder(BaseCallback):
             for name in ("return", "length", "ended_early"):
                 self.logger.record(f"episode/{name}", row[name])
         self.episodes.clear()
-        assert self.curve is not None, "training has started"
         self.curve.add(row, {"return": row["return"], "ended early": row["ended_early"]})
 
     def _on_training_end(self) -> None:
