@@ -18,7 +18,7 @@ const chosen = {
   speed: 1,
   ghost: true,
 };
-let simulation, exact, curves = [], shown, clock = 0, held = null, hue = 0, colours;
+let simulation, exact, curves = [], shown, clock = 0, held = null, colours;
 
 function solver() {
   const { method, tolerance, step } = chosen;
@@ -40,13 +40,12 @@ function begin(state, compare = false) {
   clock = 0;
   shown = simulation.y;
   scene.forget();
-  if (!compare) {
-    curves = [];
-    hue = 0;
-  }
+  if (!compare) curves = [];
   const label = solverLabel();
-  curves = curves.filter((curve) => curve.label !== label).slice(1 - CURVES);
-  curves.push(Object.assign(new Curve(label), { number: hue++ }));
+  // What was only passed by on the way to another choice isn't kept.
+  curves = curves.filter((curve) => curve.label !== label && curve.points.at(-1)?.[0] > 1).slice(1 - CURVES);
+  const taken = curves.map((curve) => curve.number);
+  curves.push(Object.assign(new Curve(label), { number: [0, 1, 2, 3, 4].find((number) => !taken.includes(number)) }));
   readColours();
   legend();
   $("message").hidden = true;
