@@ -307,7 +307,7 @@ def test_it_learns_by_the_gradient_alone(monkeypatch: pytest.MonkeyPatch) -> Non
     )
     torch.manual_seed(0)
     learner = SHAC(config, DifferentiableEnv(config, 0), *make_residual_network(config))
-    monkeypatch.setattr(learner, "_improve_value", lambda window: 0.0)
+    monkeypatch.setattr(learner, "_improve_value", lambda _window: 0.0)
     with torch.no_grad():
         for parameter in learner.value.parameters():
             parameter.zero_()
