@@ -140,7 +140,7 @@ def chaos_map(
     if not possible.any():
         raise ValueError(f"energies up to {up[-1]:g} J: too little to stand still at any of the angles")
     found = chaos_indicators(
-        parameters, starts[possible], duration, plane=heading == 0, interval=interval,
+        parameters, starts[possible], duration, plane=bool(heading == 0), interval=interval,
         longest_step=longest_step, seed=seed, block=block, file=file, progress=progress,
     )  # fmt: skip
     grids = {}

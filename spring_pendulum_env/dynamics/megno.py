@@ -184,7 +184,7 @@ def _followed(
     for number in range(2 * half):
         points, kept = _advanced(flow, points, duration / (2 * half))
         alive = alive[kept]
-        grown = np.linalg.norm(points[12:], axis=0)
+        grown = _lengths(points[12:])
         points[12:] /= grown
         log_growth[number + 1, alive] = log_growth[number, alive] + np.log(grown)
         bar.add(1)
@@ -194,6 +194,14 @@ def _followed(
     found[2, alive] = (log_growth[-1] - log_growth[half]) / (duration / 2)
     found[3, alive] = _energy_errors(flow.parameters, starts[alive], points[:12].T)
     return found
+
+
+def _lengths(columns: FloatArray) -> FloatArray:
+    """Lengths of columns, summed in the same order however many stand side by side, as NumPy's norm isn't."""
+    squares = np.zeros(columns.shape[1])
+    for row in columns:
+        squares += row * row
+    return np.sqrt(squares)
 
 
 def _advanced(flow: Flow, points: FloatArray, duration: float) -> tuple[FloatArray, NDArray[np.intp]]:
