@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.extending import register_jitable
+from numba import carray, types  # type: ignore[attr-defined]
+from numba.extending import intrinsic, register_jitable
 
 from spring_pendulum_env import integrators, physics, tasks
 
 FOLDER = Path(__file__).parent
-COMPILED = ("physics", "integrators", "tasks", "layout", "jit", "schemes", "kernels")
+COMPILED = ("physics", "equilibria", "integrators", "tasks", "scenario", "layout", "jit", "schemes", "kernels")
 """Modules whose functions and constants are compiled, besides those of `dynamics`."""
 
 
@@ -70,6 +71,22 @@ def compiled_for_width(function: Callable[..., Any]) -> Any:
     return compiled(function)
 
 
+@intrinsic
+def _pointer(_typing: Any, _address: Any) -> Any:
+    """An address as a pointer to float64 numbers."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+    return types.CPointer(types.float64)(types.intp), generate  # type: ignore[no-untyped-call]
+
+
+@compiled
+def array_at(address, shape):  # type: ignore[no-untyped-def]
+    """The float64 array of this shape that lies at an address, in C order; for compiled code."""
+    return carray(_pointer(address), shape)  # type: ignore[call-arg]
+
+
 for _function in (
     physics.length,
     physics.spring_force,
@@ -83,6 +100,7 @@ for _function in (
     physics.total_energy,
     physics.energy_error,
     tasks.reward_terms,
+    tasks.displaced,
     integrators.approaches_zero,
 ):
     register_jitable(error_model="numpy")(_function)
