@@ -26,8 +26,8 @@ from spring_pendulum_env.dynamics import ChaosMap, chaos_map
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     axis: dict[str, Any] = {"nargs": 3, "type": float, "metavar": ("FROM", "TO", "COUNT")}
-    parser.add_argument("--angles", **axis, default=[-45, 45, 121], help="degrees (default: %(default)s)")
-    parser.add_argument("--energies", **axis, default=[0.1, 10, 100], help="J above rest (default: %(default)s)")
+    parser.add_argument("--angles", **axis, default=[-45, 45, 91], help="degrees (default: %(default)s)")
+    parser.add_argument("--energies", **axis, default=[0.1, 10, 75], help="J above rest (default: %(default)s)")
     parser.add_argument("--heading", type=float, default=0.0, help="of the throw, degrees; 90: sideways (default: 0)")
     parser.add_argument("--duration", type=float, default=500.0, help="s (default: %(default)s)")
     parser.add_argument(
