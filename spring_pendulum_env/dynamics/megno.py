@@ -39,8 +39,8 @@ REGULAR = 2.0
 """The mean MEGNO of a regular motion after a long time."""
 
 THRESHOLD = 3.0
-"""A motion whose mean MEGNO is greater is called chaotic. Regular ones stay below 2, or go a little above it for a while
-where unstable ones are near; an exponent lambda is seen after a time of about 2 * THRESHOLD / lambda."""
+"""A motion whose mean MEGNO is greater is called chaotic. Regular ones stay below 2, or go a little above it for a
+while where unstable ones are near; an exponent lambda is seen after a time of about 2 * THRESHOLD / lambda."""
 
 IN_PLANE = np.array([1.0, 0.0, 1.0] * 4)
 """Which components of a state stay in the vertical plane y = 0."""
