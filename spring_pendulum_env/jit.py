@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba import carray, types  # type: ignore[attr-defined]
+from numba import types
 from numba.extending import intrinsic, register_jitable
 
 from spring_pendulum_env import integrators, physics, tasks
@@ -71,9 +71,8 @@ def compiled_for_width(function: Callable[..., Any]) -> Any:
     return compiled(function)
 
 
-@intrinsic
-def _pointer(_typing: Any, _address: Any) -> Any:
-    """An address as a pointer to float64 numbers."""
+def _floats_at(_typing: Any, _address: Any) -> Any:
+    """For compiled code: an address as a pointer to float64 numbers, of which `numba.carray` makes an array."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
@@ -81,10 +80,8 @@ def _pointer(_typing: Any, _address: Any) -> Any:
     return types.CPointer(types.float64)(types.intp), generate  # type: ignore[no-untyped-call]
 
 
-@compiled
-def array_at(address, shape):  # type: ignore[no-untyped-def]
-    """The float64 array of this shape that lies at an address, in C order; for compiled code."""
-    return carray(_pointer(address), shape)  # type: ignore[call-arg]
+floats_at: Any = intrinsic(_floats_at)
+carray: Any = numba.carray  # type: ignore[attr-defined]
 
 
 for _function in (

@@ -22,7 +22,7 @@ from numba.misc.special import literally
 from spring_pendulum_env import physics, tasks
 from spring_pendulum_env.equilibria import BODY_STATE
 from spring_pendulum_env.integrators import FINEST, REFINEMENT
-from spring_pendulum_env.jit import array_at, cache_folder, compiled, compiled_for_width
+from spring_pendulum_env.jit import cache_folder, carray, compiled, compiled_for_width, floats_at
 from spring_pendulum_env.layout import (
     AXIS_COUNT,
     AXIS_SLOTS,
@@ -216,15 +216,8 @@ def _enter(b, x, y, z):
 
 
 @compiled
-def _stay(b):
-    """The state that was kept."""
-    for i in range(18):
-        b[i, 0] = b[KEPT + i, 0]
-
-
-@compiled
 def _told(b, status):
-    """What the environment tells of a step."""
+    """What the environment tells of a step; a STATUS of another type than int64 would have it compiled once more."""
     return (
         status,
         b[TIME, 0],
@@ -247,9 +240,10 @@ def _told(b, status):
 def _leave(b):
     """Ends a step: the state of one that hasn't moved, and what is told."""
     if b[MOVED, 0] == 0.0:
-        _stay(b)
+        for i in range(18):
+            b[i, 0] = b[KEPT + i, 0]
     _report(b, 1, np.int64(1), b.reshape(CELL)[CELL_SETTINGS:])
-    return _told(b, int(b[STATUS, 0]))
+    return _told(b, np.int64(b[STATUS, 0]))
 
 
 def _advance(address, x, y, z):
@@ -264,9 +258,9 @@ def _advance(address, x, y, z):
     Returns:
         STATUS; time, energy, excess energy, energy error, work, dissipated; reward, whether it ended; the reward terms.
     """
-    b = array_at(address, (CELL, 1))
+    b = carray(floats_at(address), (CELL, 1))
     if not math.isfinite(x + y + z):
-        return _told(b, BAD_ACTION)
+        return _told(b, np.int64(BAD_ACTION))
     one = np.int64(1)  # of a plain 1 numba would compile what is handed it a second time
     refinement = one
     _enter(b, x, y, z)
@@ -276,16 +270,17 @@ def _advance(address, x, y, z):
         _settle(b, 1, one)
         if b[GUARDED, 0] == 0.0:
             return _leave(b)
-        _stay(b)
+        for i in range(18):
+            b[i, 0] = b[KEPT + i, 0]
         refinement *= REFINEMENT
-    return _told(b, UNFINISHED)
+    return _told(b, np.int64(UNFINISHED))
 
 
 def _advance_adaptively(address, x, y, z):
     """As `_advance`, by the adaptive scheme; never UNFINISHED."""
-    b = array_at(address, (CELL, 1))
+    b = carray(floats_at(address), (CELL, 1))
     if not math.isfinite(x + y + z):
-        return _told(b, BAD_ACTION)
+        return _told(b, np.int64(BAD_ACTION))
     one = np.int64(1)
     _enter(b, x, y, z)
     _begin(b, 1, one)
