@@ -1,7 +1,7 @@
 """Map of order and chaos over start angle and energy, of the straight pendulum thrown like a rigid body.
 
 The same command goes on with a map that was interrupted. Example: the default map, thrown half sideways,
-scripts/chaos_map.py --heading 45
+scripts/chaos_map.py --heading 45 --folder runs/chaos-map-45
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def main() -> None:
     angles, energies = (_axis(name, *getattr(options, name)) for name in ("angles", "energies"))
     chart = chaos_map(
         parameters, np.radians(angles), energies, options.duration, heading=float(np.radians(options.heading)),
-        file=options.folder / "unfinished.npz", progress=True,
+        file=options.folder / "progress.npz", progress=True,
     )  # fmt: skip
 
     from chaos.pictures import draw_map  # slow to import: after the checks above

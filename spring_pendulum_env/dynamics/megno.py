@@ -269,5 +269,7 @@ class _Store:
             raise ValueError(f"file = {str(path)!r}: isn't one that chaos_indicators wrote ({error})") from None
         other = [name for name in about if there.get(name) != about[name]]
         if other:
-            raise ValueError(f"file = {str(path)!r}: holds a run with other {', '.join(other)}; name another file")
+            raise ValueError(
+                f"file = {str(path)!r}: holds a run with other {', '.join(other)}; remove it, or name another file or folder"
+            )
         self.results, self._done = results, done
