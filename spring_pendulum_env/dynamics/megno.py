@@ -270,6 +270,7 @@ class _Store:
         other = [name for name in about if there.get(name) != about[name]]
         if other:
             raise ValueError(
-                f"file = {str(path)!r}: holds a run with other {', '.join(other)}; remove it, or name another file or folder"
+                f"file = {str(path)!r}: holds a run with other {', '.join(other)}; "
+                "remove it, or name another file or folder"
             )
         self.results, self._done = results, done
