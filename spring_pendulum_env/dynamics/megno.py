@@ -25,11 +25,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spring_pendulum_env import physics
 from spring_pendulum_env.dynamics.checks import checked_states, whole_number
-from spring_pendulum_env.dynamics.flow import Flow
+from spring_pendulum_env.dynamics.flow import Flow, energy_errors
 from spring_pendulum_env.dynamics.progress import Progress
-from spring_pendulum_env.equilibria import energy
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import positive_number
 
@@ -193,7 +191,7 @@ def _followed(
     found[0, alive] = mean_megno(log_growth)
     found[1, alive] = mean_megno(log_growth[: half + 1])
     found[2, alive] = (log_growth[-1] - log_growth[half]) / (duration / 2)
-    found[3, alive] = _energy_errors(flow.parameters, starts[alive], points[:12].T)
+    found[3, alive] = energy_errors(flow.parameters, starts[alive], points[:12].T)
     return found
 
 
@@ -218,16 +216,6 @@ def _advanced(flow: Flow, points: FloatArray, duration: float) -> tuple[FloatArr
         kept = np.flatnonzero([len(part[1]) for part in parts])
         return np.ascontiguousarray(np.concatenate([part[0] for part in parts], axis=1)), kept
     return moved, np.arange(points.shape[1])
-
-
-def _energy_errors(parameters: Parameters, starts: FloatArray, ends: FloatArray) -> FloatArray:
-    """Equation (42); of mass 1 alone where nothing holds mass 2, whose long fall would hide all else."""
-    both = np.stack([starts, ends])
-    if parameters.k2 == 0:
-        both[..., [3, 4, 5, 9, 10, 11]] = 0.0
-    first, last = np.asarray(energy(parameters, both))
-    errors: FloatArray = physics.energy_error(last - first, first)
-    return errors
 
 
 class _Store:
