@@ -139,7 +139,7 @@ def score_entry(entry: Entry, trial: Trial, folder: Path, starts: int = STARTS) 
             controller,
             trial.environment_id,
             entry.arguments(trial),
-            folder / trial.name / f"{_file_name(entry.name)}-{number}.npz",
+            folder / trial.name / f"{file_name(entry.name)}-{number}.npz",
             starts,
         )
         for number, controller in enumerate(entry.controllers(trial))
@@ -157,6 +157,6 @@ def find_all(names: Iterable[str]) -> list[Entry]:
     return [find(name) for name in names]
 
 
-def _file_name(name: str) -> str:
+def file_name(name: str) -> str:
     """An entry's name as part of a file name."""
     return "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name)

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1e-3
 MOST_ITERATIONS = 60
+SAFE_TRAVEL = 0.95  # of the allowed one: a plan that ends exactly there would, by the model's error, go beyond
 FIRST_BARRIER = 1e-2
 """Where the guess is the last solution, moved on, the solver may begin close to the bounds."""
 
@@ -47,7 +48,7 @@ class NMPC:
         anchor_travel: bound of the anchor's coordinates, m.
         intervals: of the horizon.
         periods: control periods in each interval; a new solution is sought after each interval.
-        solver: "fatrop" or "ipopt".
+        solver: "ipopt" or "fatrop".
 
     Attributes: solves, failures (the last plan is then carried on, or LQR asked), and seconds spent in solving.
     Raises ValueError for another solver or a number below 1, ModuleNotFoundError without CasADi.
@@ -60,7 +61,7 @@ class NMPC:
         anchor_travel: float = 2.0,
         intervals: int = 40,
         periods: int = 2,
-        solver: str = "fatrop",
+        solver: str = "ipopt",
     ) -> None:
         for name, value in (("intervals", intervals), ("periods", periods)):
             if value < 1:
@@ -88,7 +89,7 @@ class NMPC:
             parts=1,
             stage_cost=stage_cost,
             final_cost=final_cost,
-            anchor_travel=anchor_travel,
+            anchor_travel=SAFE_TRAVEL * anchor_travel,
         )
         options = {f"{solver}.tol": TOLERANCE, f"{solver}.max_iter": MOST_ITERATIONS}
         self._first = Solver(problem, solver, options)

@@ -26,7 +26,7 @@ SOLVERS: dict[str, dict[str, Any]] = {
 }
 """Interior-point solvers that come with CasADi: IPOPT for any problem (Waechter and Biegler, Math. Program. 106, 2006),
 and fatrop, which knows the structure of optimal control and finds the same in half the time (Vanroye and others, IROS
-2023)."""
+2023), but version 1.1.8 was seen to search for ever where there is nothing to be found, so it is no default."""
 
 
 class Solution(NamedTuple):

@@ -197,3 +197,25 @@ def test_results_are_saved_row_by_row(tmp_path: Path) -> None:
     assert saved.columns(path, "b") is None
     with pytest.raises(ValueError, match="columns"):
         saved.add(path, "a", 9, {"other": 1.0}, {})
+
+
+def test_the_optimum_recovers_what_lqr_cannot() -> None:
+    """A plan within the limits, from the protocol's start 2, recovers it in the environment; LQR loses it."""
+    from agents.optimum import INTERVALS, Optimum
+
+    trial = TRIALS["inverted-inverted-0.1"]
+    optimum = Optimum(trial)
+    start, _ = gym.make(trial.environment_id, **trial.arguments).reset(seed=FIRST_SEED + 2)
+    lqr = roll_out(LQR({}, "inverted-inverted"), trial.environment_id, trial.arguments, [FIRST_SEED + 2])
+    assert lqr.ended_early[0]
+    plan = optimum._solver.solve(start, *optimum._guesses(start)[0])
+    assert plan.success
+    assert np.abs(plan.forces).max() <= 20.0
+    assert np.abs(plan.states[:, :3]).max() <= 2.0
+    off = plan.states[INTERVALS] - optimum.lqr.equilibrium
+    assert off @ optimum.lqr.P @ off <= 1.001 * unsaturated_level(optimum.lqr)
+    assert optimum.recovers(start, plan)
+    assert not optimum.recovers(start, plan._replace(forces=0.0 * plan.forces))
+    outcome = optimum.find(start)
+    assert outcome.solved
+    assert outcome.recovered
