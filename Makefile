@@ -6,13 +6,14 @@ BIN = $(VENV)/bin
 READY = $(VENV)/ready
 BENCH_VENV ?= .venv-bench
 
-.PHONY: help install demo test check accuracy bench leaderboard wheel-test clean
+.PHONY: help install demo test check accuracy paper bench leaderboard wheel-test clean
 
 help:
 	@echo "make demo        train a damping policy, compare it with doing nothing and LQR, draw the results (in runs/)"
 	@echo "make test        all tests, the wheel's too, and the checks"
 	@echo "make check       ruff and mypy"
 	@echo "make accuracy    table of both integrators' errors on the reference trajectories"
+	@echo "make paper       the paper's figures, numbers and claims beside ours (in runs/paper)"
 	@echo "make bench       compare speed with other environments and integrators (in runs/benchmark)"
 	@echo "make leaderboard all controllers on the same unseen starts: tables and figures (in runs/leaderboard)"
 	@echo "make wheel-test  build the wheel and try it in an empty environment with the core dependencies alone"
@@ -45,6 +46,9 @@ test: check
 
 accuracy: $(READY)
 	$(BIN)/python tests/test_integration.py
+
+paper: $(READY)
+	$(BIN)/python scripts/reproduce_paper.py $(PAPER)
 
 $(BENCH_VENV)/ready: pyproject.toml
 	$(PYTHON) -m venv $(BENCH_VENV)

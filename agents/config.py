@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 ENVIRONMENT_IDS = {"damping": "SpringPendulumDamping-v0", "stabilisation": "SpringPendulumStabilisation-v0"}
 FOLDER = Path(__file__).resolve().parent.parent / "configs"
@@ -32,6 +32,7 @@ Count = Annotated[int, BeforeValidator(_number), Field(gt=0)]
 Seed = Annotated[int, BeforeValidator(_number), Field(ge=0, lt=2**32)]  # evaluation starts are seeded from 2**40 on
 Number = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False)]
 Positive = Annotated[float, BeforeValidator(_number), Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, BeforeValidator(_number), Field(ge=0, allow_inf_nan=False)]
 Share = Annotated[float, BeforeValidator(_number), Field(ge=0, le=1)]
 
 
@@ -66,7 +67,12 @@ class TrainingConfig(Section):
     steps: Count = 1_000_000
     environments: Count = 128
     checkpoint_every: Count = 200_000  # environment steps
-    normalise_reward: bool = True
+    normalise_reward: bool = True  # of SB3's algorithms
+    start_scales: tuple[NonNegative, NonNegative] = (1.0, 1.0)
+    """Each start's spread is the environment's times a number drawn evenly from here; shac alone can do it."""
+    episode_steps: Count | None = None
+    """Episodes are cut off after so many steps, if that is sooner than the environment does it: what is hard lies at
+    their beginning, and a value stands for what comes after. For shac alone."""
 
 
 class ObservationConfig(Section):
@@ -84,7 +90,14 @@ class NetworkConfig(Section):
     """Hidden layers, of the policy and, apart from it, of the value."""
 
     layers: tuple[Count, ...] = (64, 64)
-    activation: Literal["tanh", "relu"] = "tanh"
+    activation: Literal["tanh", "relu", "silu"] = "tanh"
+
+
+class GuideConfig(Section):
+    """The LQR to whose action the network's is added: its weights, as `agents.lqr.LQR` takes them."""
+
+    state_weights: tuple[Positive, Positive, Positive, Positive, Positive, Positive]
+    effort_weight: Positive
 
 
 class PPOConfig(Section):
@@ -104,33 +117,95 @@ class PPOConfig(Section):
     log_std_init: Number = -1.0
 
 
+class SACConfig(Section):
+    """Settings of Stable-Baselines3's SAC, under its own names. In each round every row takes one step."""
+
+    learning_rate: Positive = 3e-4
+    buffer_size: Count = 1_000_000
+    learning_starts: Count = 10_000
+    batch_size: Count = 512
+    tau: Share = 0.005
+    gamma: Share = 0.99
+    gradient_steps: Count = 8  # in each round
+
+
+class TQCConfig(SACConfig):
+    """Settings of sb3-contrib's TQC, under its own names."""
+
+    top_quantiles_to_drop_per_net: Count = 2
+
+
+class SHACConfig(Section):
+    """Settings of short-horizon actor-critic, agents/shac.py. The learning rates fall linearly to a share of them."""
+
+    horizon: Count = 32  # control periods through which a gradient runs; the value stands for all that comes after
+    learning_rate: Positive = 2e-3
+    critic_learning_rate: Positive = 1e-3
+    final_share: Share = 0.03
+    gamma: Share = 0.99
+    td_lambda: Share = 0.95
+    critic_epochs: Count = 2
+    batch_size: Count = 2048
+    target_rate: Annotated[float, BeforeValidator(_number), Field(gt=0, le=1)] = 0.5  # of the target after each round
+    max_grad_norm: Positive = 1.0
+
+
 class Config(Section):
     """One training."""
 
     task: Literal["damping", "stabilisation"]
-    algorithm: Literal["ppo"] = "ppo"
+    algorithm: Literal["ppo", "sac", "tqc", "shac"] = "ppo"
     environment: EnvironmentConfig = EnvironmentConfig()
     training: TrainingConfig = TrainingConfig()
     observation: ObservationConfig = ObservationConfig()
     network: NetworkConfig = NetworkConfig()
+    guide: GuideConfig | None = None  # for shac alone
     ppo: PPOConfig = PPOConfig()
+    sac: SACConfig = SACConfig()
+    tqc: TQCConfig = TQCConfig()
+    shac: SHACConfig = SHACConfig()
+
+    @model_validator(mode="after")
+    def _fits_the_algorithm(self) -> Config:
+        low, high = self.training.start_scales
+        if low > high:
+            raise ValueError(f"training.start_scales is {(low, high)}: the first must not be larger than the second")
+        if self.algorithm == "shac":
+            if self.observation.scales is None:
+                raise ValueError("observation.scales is missing: shac gathers no statistics of its own")
+        elif self.guide is not None:
+            raise ValueError(f"guide is given, which {self.algorithm} cannot use: only shac can")
+        elif self.training.episode_steps is not None:
+            raise ValueError(f"training.episode_steps is given, which {self.algorithm} cannot use: only shac can")
+        elif (low, high) != (1.0, 1.0):
+            raise ValueError(
+                f"training.start_scales is {(low, high)}, which {self.algorithm} cannot use: only shac can"
+            )
+        return self
 
     @property
     def environment_id(self) -> str:
         """Registered name of the task."""
         return ENVIRONMENT_IDS[self.task]
 
+    @property
+    def gamma(self) -> float:
+        """The discount of the algorithm in use."""
+        section: PPOConfig | SACConfig | SHACConfig = getattr(self, self.algorithm)
+        return section.gamma
+
     def to_yaml(self) -> str:
         """Everything, defaults too, as YAML that `read_config` reads."""
         return yaml.safe_dump(self.model_dump(mode="json", exclude_none=True), sort_keys=False)
 
 
-def default_path(task: str, algorithm: str) -> Path:
-    """The file for a task and an algorithm; raises ValueError where there is none."""
-    path = FOLDER / f"{task}-{algorithm}.yaml"
+def default_path(task: str, algorithm: str, equilibrium: str | None = None) -> Path:
+    """The file for a task and an algorithm, of an equilibrium if that has its own; ValueError where there is none."""
+    own = FOLDER / f"{task}-{equilibrium}-{algorithm}.yaml"
+    path = own if equilibrium and own.is_file() else FOLDER / f"{task}-{algorithm}.yaml"
     if not path.is_file():
         allowed = ", ".join(sorted(file.stem for file in FOLDER.glob("*.yaml")))
-        raise ValueError(f"there is no config for {task}-{algorithm}; allowed are {allowed}")
+        raise ValueError(f"there is no config for {path.stem}; allowed are {allowed}")
     return path
 
 
@@ -183,6 +258,8 @@ def _apply(data: dict[str, Any], change: str) -> None:
 def _sentence(source: str, detail: Any) -> str:
     """One of pydantic's complaints in our words."""
     key = ".".join(str(part) for part in detail["loc"])
+    if not key:  # of the config as a whole, in words of its own
+        return f"{source}: {detail['msg'].removeprefix('Value error, ')}"
     if detail["type"] == "extra_forbidden":
         section: type[Section] = Config
         for part in detail["loc"][:-1]:

@@ -106,13 +106,14 @@ def find(name: str) -> Entry:
 def _learned(name: str, folders: Sequence[Path]) -> Entry:
     """The policies in some run folders, for the trials of the task that they were trained for."""
     configs = [runs.read_run_config(folder) for folder in folders]
-    what = Path(name).name.rstrip("*-_") or name
+    what = "policy" if name in runs.SHIPPED_NAMES else Path(name).name.rstrip("*-_") or name
+    how = configs[0].algorithm.upper() + (" over LQR" if configs[0].guide is not None else "")
     count = f", {len(folders)} trainings" if len(folders) > 1 else ""
 
     def make(trial: Trial, _: Scenario) -> Sequence[Controller]:
         return [load(folder) for folder, config in zip(folders, configs, strict=True) if is_for(config, trial)]
 
-    return Entry(name, f"{what} ({configs[0].algorithm.upper()}{count})", make)
+    return Entry(name, f"{what} ({how}{count})", make)
 
 
 def is_for(config: Config, trial: Trial) -> bool:

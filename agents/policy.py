@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from stable_baselines3.common.policies import BasePolicy
 
-from agents.algorithms import make_network
 from agents.config import Config
 from agents.controller import AXES, STATE_SIZE, StateFeedback
 from agents.files import read_arrays, write_arrays, write_atomically
@@ -27,7 +25,7 @@ class LearnedPolicy(StateFeedback):
 
     Arguments:
         config: of the training.
-        network: Stable-Baselines3's policy.
+        network: Stable-Baselines3's policy, or a torch module that a subclass knows to use.
         reference: (18,), the equilibrium that observations are made relative to.
         mean, variance: (18,), of the relative observations seen in training.
     """
@@ -35,7 +33,7 @@ class LearnedPolicy(StateFeedback):
     def __init__(
         self,
         config: Config,
-        network: BasePolicy,
+        network: Any,
         reference: NDArray[np.float64],
         mean: NDArray[np.float64],
         variance: NDArray[np.float64],
@@ -45,13 +43,14 @@ class LearnedPolicy(StateFeedback):
         self.reference = reference
         self.mean = mean
         self.variance = variance
-        network.set_training_mode(False)
+        network.train(False)
 
     def actions(self, observations: NDArray[np.float64], deterministic: bool) -> NDArray[np.float64]:
         """What the network says, limited to [-1, 1]: (n, axes) for raw observations (n, 18)."""
         seen = relative(observations, self.reference).astype(np.float32)
         scaled = np.clip((seen - self.mean) / np.sqrt(self.variance + EPSILON), -CLIP, CLIP).astype(np.float32)
-        return self.network.predict(scaled, deterministic=deterministic)[0].astype(np.float64)
+        actions: NDArray[np.float64] = self.network.predict(scaled, deterministic=deterministic)[0].astype(np.float64)
+        return actions
 
     def save(self, folder: Path) -> None:
         """Write weights and statistics into a run folder."""
@@ -69,13 +68,24 @@ class LearnedPolicy(StateFeedback):
             reference, mean, variance = (_vector(arrays, name) for name in ("reference", "mean", "variance"))
         except (KeyError, ValueError, OSError) as error:
             raise ValueError(f"{folder / NORMALISATION} is not the statistics of a run: {error}") from error
-        network = make_network(config, axes=len(config.environment.actuated_axes or AXES))
+        network, kind = cls._untrained(config)
         try:
             network.load_state_dict(torch.load(folder / POLICY, map_location="cpu", weights_only=True))
         except (RuntimeError, TypeError, AttributeError, EOFError, pickle.UnpicklingError) as error:
             reason = str(error).splitlines()[0]
             raise ValueError(f"{folder / POLICY} does not hold the weights of its config: {reason}") from error
-        return cls(config, network, reference, mean, variance)
+        return kind(config, network, reference, mean, variance)
+
+    @staticmethod
+    def _untrained(config: Config) -> tuple[Any, type[LearnedPolicy]]:
+        """The network of a config, and the policy that runs it. Each imports only what it needs itself."""
+        if config.algorithm == "shac":
+            from agents.residual import ResidualNetwork, ResidualPolicy
+
+            return ResidualNetwork(config), ResidualPolicy
+        from agents.algorithms import make_network
+
+        return make_network(config, axes=len(config.environment.actuated_axes or AXES)), LearnedPolicy
 
 
 def _vector(arrays: dict[str, NDArray[Any]], name: str) -> NDArray[np.float64]:

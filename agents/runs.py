@@ -19,7 +19,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from agents.config import Config, read_config
+from agents.files import write_json
 
 CONFIG = "config.yaml"
 RECORD = "run.json"
@@ -80,6 +83,33 @@ def read_record(folder: Path) -> dict[str, Any]:
     if not isinstance(record, dict):
         raise ValueError(f"{path} holds {type(record).__name__}; allowed is a mapping")
     return record
+
+
+def write_record(
+    config: Config, folder: Path, steps: int, seconds: float, *, finished: bool, processor_seconds: float | None = None
+) -> None:
+    """Write run.json of a training that has done so many environment steps in so many seconds.
+
+    `processor_seconds` are those of one core: what `seconds` would be on a machine with nothing else to do.
+    """
+    record = {
+        "task": config.environment_id,
+        "algorithm": config.algorithm,
+        "seed": config.training.seed,
+        "steps": steps,
+        "seconds": round(seconds, 1),
+        "finished": finished,
+    }
+    if processor_seconds is not None:
+        record["processor_seconds"] = round(processor_seconds, 1)
+    write_json(folder / RECORD, record | provenance())
+
+
+def seed_of_stretch(config: Config, steps_before: int) -> int:
+    """Seed of a stretch of training: one that is taken up again must not see its first starts a second time."""
+    if steps_before == 0:
+        return config.training.seed
+    return int(np.random.SeedSequence((config.training.seed, steps_before)).generate_state(1)[0])
 
 
 def provenance() -> dict[str, Any]:

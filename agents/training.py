@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -16,15 +15,18 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecNormalize
-from tqdm import tqdm  # type: ignore[import-untyped]
 
 from agents import runs
 from agents.algorithms import ALGORITHMS
 from agents.config import Config
 from agents.controller import STATE_SIZE
-from agents.files import read_csv, write_atomically, write_csv, write_json, write_text
+from agents.curve import Curve
+from agents.files import write_atomically, write_text
 from agents.policy import CLIP, EPSILON, LearnedPolicy
 from agents.training_env import RelativeObservations, make_training_env, task_equilibrium
+
+STEPS_A_ROW = 32
+"""A row of the curve tells of at least so many steps of each environment."""
 
 
 def train(config: Config, folder: str | Path, *, progress: bool = True) -> LearnedPolicy:
@@ -39,6 +41,10 @@ def train(config: Config, folder: str | Path, *, progress: bool = True) -> Learn
     if _prepare(config, folder):
         return LearnedPolicy.load(folder)
     torch.set_num_threads(1)  # such small networks lose time by sharing their work
+    if config.algorithm == "shac":
+        from agents.shac import train_shac
+
+        return train_shac(config, folder, progress=progress)
 
     checkpoint = _read_checkpoint(folder)
     steps_before = int(checkpoint["steps"]) if checkpoint else 0
@@ -46,13 +52,13 @@ def train(config: Config, folder: str | Path, *, progress: bool = True) -> Learn
         RelativeObservations(make_training_env(config), reference),
         norm_reward=config.training.normalise_reward,
         clip_obs=CLIP,
-        gamma=config.ppo.gamma,
+        gamma=config.gamma,
         epsilon=EPSILON,
     )
     if config.observation.scales:
         env.obs_rms = _FixedScales(*config.observation.scales)  # type: ignore[assignment]  # declared as a mapping
     try:
-        model = ALGORITHMS[config.algorithm].make_model(config, env, _seed(config, steps_before))
+        model = ALGORITHMS[config.algorithm].make_model(config, env, runs.seed_of_stretch(config, steps_before))
         model.set_logger(_logger(folder))
         if checkpoint:
             _restore(model, env, checkpoint)
@@ -63,7 +69,7 @@ def train(config: Config, folder: str | Path, *, progress: bool = True) -> Learn
         seen = _running(env.obs_rms)
         policy = LearnedPolicy(config, model.policy, reference, seen.mean.copy(), seen.var.copy())
         policy.save(folder)
-        _write_record(config, folder, model.num_timesteps, recorder.seconds(), finished=True)
+        runs.write_record(config, folder, model.num_timesteps, recorder.seconds(), finished=True)
         (folder / runs.CHECKPOINT).unlink(missing_ok=True)
     finally:
         env.close()
@@ -101,29 +107,9 @@ def _difference(there: Any, here: Any, name: str = "") -> str:
     return "" if there == here else f"{name} is {there} there and {here} here"
 
 
-def _seed(config: Config, steps_before: int) -> int:
-    """Seed of this stretch of the training: one that is taken up again must not see its first starts a second time."""
-    if steps_before == 0:
-        return config.training.seed
-    return int(np.random.SeedSequence((config.training.seed, steps_before)).generate_state(1)[0])
-
-
 def _logger(folder: Path) -> Any:
     formats = ["tensorboard"] if importlib.util.find_spec("tensorboard") else []
     return configure(str(folder / runs.TENSORBOARD), formats)
-
-
-def _write_record(config: Config, folder: Path, steps: int, seconds: float, *, finished: bool) -> None:
-    record = {
-        "task": config.environment_id,
-        "algorithm": config.algorithm,
-        "seed": config.training.seed,
-        "steps": steps,
-        "seconds": round(seconds, 1),
-        "finished": finished,
-        **runs.provenance(),
-    }
-    write_json(folder / runs.RECORD, record)
 
 
 def _write_checkpoint(model: BaseAlgorithm, env: VecNormalize, folder: Path, seconds: float) -> None:
@@ -135,6 +121,9 @@ def _write_checkpoint(model: BaseAlgorithm, env: VecNormalize, folder: Path, sec
         "steps": model.num_timesteps,
         "seconds": seconds,
     }
+    entropy = getattr(model, "log_ent_coef", None)  # SAC's, which `get_parameters` leaves out
+    if entropy is not None:
+        content["entropy"] = entropy.detach()
     write_atomically(folder / runs.CHECKPOINT, lambda file: torch.save(content, file))
 
 
@@ -145,6 +134,9 @@ def _read_checkpoint(folder: Path) -> dict[str, Any] | None:
 
 def _restore(model: BaseAlgorithm, env: VecNormalize, checkpoint: dict[str, Any]) -> None:
     model.set_parameters(checkpoint["parameters"], exact_match=True, device="cpu")
+    if "entropy" in checkpoint:
+        with torch.no_grad():
+            model.log_ent_coef.copy_(checkpoint["entropy"])  # type: ignore[attr-defined]
     model.num_timesteps = checkpoint["steps"]
     pairs = ((_running(env.obs_rms), checkpoint["observations"]), (env.ret_rms, checkpoint["returns"]))
     for statistics, saved in pairs:
@@ -189,10 +181,9 @@ class _Recorder(BaseCallback):
         self.progress = progress
         self.seconds_before = seconds_before
         self.started = time.monotonic()
-        self.rows: list[dict[str, Any]] = []
         self.episodes: list[tuple[float, int, bool]] = []  # return, control periods, whether it ended early
         self.saved_at = 0
-        self.bar: tqdm[Any] | None = None
+        self.curve: Curve | None = None
 
     def seconds(self) -> float:
         """Wall time that the training has taken, interruptions apart."""
@@ -200,24 +191,13 @@ class _Recorder(BaseCallback):
 
     def _on_training_start(self) -> None:
         self.saved_at = self.num_timesteps = self.model.num_timesteps
-        curve = self.folder / runs.CURVE
-        rows = read_csv(curve) if curve.is_file() else []
-        self.rows = [dict(row) for row in rows if int(row["steps"]) <= self.saved_at]
-        if self.progress:
-            self.bar = tqdm(
-                desc=self.folder.name,
-                total=self.config.training.steps,
-                initial=self.saved_at,
-                unit="step",
-                unit_scale=True,
-                mininterval=0.5 if sys.stderr.isatty() else 15.0,
-            )
+        self.curve = Curve(self.folder, self.saved_at, self.config.training.steps, self.progress)
 
     def _on_rollout_start(self) -> None:
         # Here the network has just been updated and no rollout is half done.
         if self.num_timesteps - self.saved_at >= self.config.training.checkpoint_every:
             _write_checkpoint(self.model, self.env, self.folder, self.seconds())
-            _write_record(self.config, self.folder, self.num_timesteps, self.seconds(), finished=False)
+            runs.write_record(self.config, self.folder, self.num_timesteps, self.seconds(), finished=False)
             self.saved_at = self.num_timesteps
 
     def _on_step(self) -> bool:
@@ -228,6 +208,10 @@ class _Recorder(BaseCallback):
         return True
 
     def _on_rollout_end(self) -> None:
+        assert self.curve is not None, "training has started"
+        told = int(self.curve.rows[-1]["steps"]) if self.curve.rows else 0
+        if self.num_timesteps - told < STEPS_A_ROW * self.config.training.environments:
+            return  # an algorithm with a replay buffer has a rollout of a single step
         row: dict[str, Any] = {"steps": self.num_timesteps, "seconds": round(self.seconds(), 2)}
         row |= {"episodes": len(self.episodes), "return": "", "length": "", "ended_early": ""}
         if self.episodes:
@@ -240,12 +224,8 @@ class _Recorder(BaseCallback):
             for name in ("return", "length", "ended_early"):
                 self.logger.record(f"episode/{name}", row[name])
         self.episodes.clear()
-        self.rows.append(row)
-        write_csv(self.folder / runs.CURVE, self.rows)
-        if self.bar:
-            self.bar.update(self.num_timesteps - self.bar.n)
-            self.bar.set_postfix({"return": row["return"], "ended early": row["ended_early"]}, refresh=False)
+        self.curve.add(row, {"return": row["return"], "ended early": row["ended_early"]})
 
     def _on_training_end(self) -> None:
-        if self.bar:
-            self.bar.close()
+        assert self.curve is not None, "training has started"
+        self.curve.close()

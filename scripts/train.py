@@ -19,7 +19,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("task", choices=ENVIRONMENT_IDS)
     parser.add_argument("--algo", default="ppo", help="learning algorithm (default: ppo)")
-    parser.add_argument("--config", type=Path, help="config file (default: configs/TASK-ALGO.yaml)")
+    parser.add_argument("--config", type=Path, help="config file (default: configs/TASK-[EQUILIBRIUM-]ALGO.yaml)")
     parser.add_argument("--equilibrium", help="of the stabilisation task; spring 1 named first")
     parser.add_argument("--steps", help="environment steps in all")
     parser.add_argument("--seed")
@@ -33,7 +33,7 @@ def main() -> None:
         "training.seed": options.seed,
     }
     changes = [*options.changes, *(f"{key}={value}" for key, value in flags.items() if value is not None)]
-    config = read_config(options.config or default_path(options.task, options.algo), changes)
+    config = read_config(options.config or default_path(options.task, options.algo, options.equilibrium), changes)
     if config.task != options.task or config.algorithm != options.algo:
         raise ValueError(f"{options.config} is for {config.task} and {config.algorithm}, not for what was asked for")
     names = (config.task, config.environment.equilibrium, config.algorithm, f"seed{config.training.seed}")

@@ -43,7 +43,9 @@ def tiny_config(*changes: str, task: str = "damping") -> Config:
 @pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*-*.yaml")), ids=lambda path: path.stem)
 def test_every_config_is_valid_and_survives_a_round_trip(path: Path, tmp_path: Path) -> None:
     config = read_config(path)
-    assert path.stem == f"{config.task}-{config.algorithm}"
+    equilibrium = config.environment.equilibrium
+    own = default_path(config.task, config.algorithm, equilibrium) == path
+    assert own or path.stem == f"{config.task}-{config.algorithm}"
     copy = tmp_path / "config.yaml"
     copy.write_text(config.to_yaml())
     assert read_config(copy) == config
@@ -382,3 +384,54 @@ def test_stabilisation_trains_and_compares(tmp_path: Path) -> None:
     text = compare(policy, config, tmp_path / "evaluation", episodes=3)
     assert "recovered" in text
     assert (tmp_path / "evaluation" / "paths.png").stat().st_size > 0
+
+
+@pytest.mark.parametrize("algorithm", ["sac", "tqc"])
+def test_algorithms_with_a_replay_buffer_train_and_go_on(
+    algorithm: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    if algorithm == "tqc":
+        pytest.importorskip("sb3_contrib")
+    from agents import training
+
+    changes = [
+        "training.steps=768",
+        "training.environments=8",
+        "training.checkpoint_every=256",
+        "network.layers=[8, 8]",
+        *(f"{algorithm}.{setting}" for setting in ("learning_starts=128", "batch_size=32", "gradient_steps=1")),
+    ]
+    config = read_config(default_path("damping", algorithm), changes)
+    folder = tmp_path / "run"
+
+    class Interrupted(Exception):
+        pass
+
+    write_checkpoint = training._write_checkpoint
+
+    def write_and_stop(*arguments):  # type: ignore[no-untyped-def]
+        write_checkpoint(*arguments)
+        raise Interrupted
+
+    monkeypatch.setattr(training, "_write_checkpoint", write_and_stop)
+    with pytest.raises(Interrupted):
+        training.train(config, folder, progress=False)
+    saved = training._read_checkpoint(folder)
+    assert saved is not None
+    assert saved["steps"] == 256
+    assert float(saved["entropy"]) != 0.0  # it has learnt, and is kept
+
+    restored = []
+    restore = training._restore
+    monkeypatch.setattr(training, "_write_checkpoint", write_checkpoint)
+
+    def restore_and_look(model, env, checkpoint):  # type: ignore[no-untyped-def]
+        restore(model, env, checkpoint)
+        restored.append((model.num_timesteps, float(model.log_ent_coef.detach())))
+
+    monkeypatch.setattr(training, "_restore", restore_and_look)
+    trained = training.train(config, folder, progress=False)
+    assert restored == [(256, float(saved["entropy"]))]
+    assert [int(row["steps"]) for row in read_csv(folder / runs.CURVE)] == [256, 512, 768]
+    states = trained.reference + 0.1 * np.random.default_rng(0).standard_normal((5, 18))
+    assert np.array_equal(agents.load(folder).predict(states)[0], trained.predict(states)[0])
