@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation import estimate
 from agents.files import write_csv, write_text
+from agents.statistics import estimate
 from chaos.config import Study
 from spring_pendulum_env import Parameters, physics
 from spring_pendulum_env.dynamics import Indicators, chaos_indicators, microcanonical_starts
