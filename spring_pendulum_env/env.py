@@ -141,14 +141,13 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self._parameters = self.scenario.parameters
         self._constants: dict[str, float] = self._parameters.as_dict()
         self._cell = np.zeros(layout.CELL)
-        self._cell[layout.REPORTED :] = layout.settings_of(self.scenario)
+        self._cell[layout.CELL_SETTINGS :] = layout.settings_of(self.scenario)
+        self._template = layout.template(self.scenario, self.scenario.parameters)
         self._action_shape = self.action_space.shape
         self._places = [self.scenario.actuated_axes.find(axis) for axis in AXES]  # of x, y and z in an action; -1: none
         self._all_axes = self._places == [0, 1, 2]
-        self._terms = [
-            (f"reward_{term}", layout.TERMS - layout.FIELDS + REWARD_TERMS.index(term))
-            for term in self.scenario.task.terms
-        ]
+        first_term = 9  # in what `kernels.advance` tells
+        self._terms = [(f"reward_{term}", first_term + REWARD_TERMS.index(term)) for term in self.scenario.task.terms]
         self._renderer: Any = None
         self._started = False
         self._look_into_cell()
@@ -161,13 +160,13 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         if not self.scenario.task.actuated:
             self._observe = self._full_state.reshape(2, 9)[:, 3:].flatten
         self._force = self._cell[layout.FORCE : layout.FORCE + 3]
-        self._outcome = self._cell[layout.FIELDS : layout.REPORTED]
+        self._address = self._cell.ctypes.data
         adaptively = self.scenario.tolerance is not None
         self._advance = kernels.entry(kernels.advance_adaptively if adaptively else kernels.advance)
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the window, the compiled step and the views, which would be copied apart from what they show."""
-        views = ("_full_state", "_observe", "_force", "_outcome", "_advance")
+        views = ("_full_state", "_observe", "_force", "_address", "_advance")
         return {name: value for name, value in self.__dict__.items() if name not in views} | {"_renderer": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -202,19 +201,21 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         """
         super().reset(seed=seed)
         parameters, state = self.scenario.draw(self.np_random, options)
-        self._cell[: layout.FIELDS] = layout.template(self.scenario, parameters)
+        usual = parameters is self.scenario.parameters
+        self._cell[: layout.FIELDS] = self._template if usual else layout.template(self.scenario, parameters)
         self._full_state[:] = state
-        status = self._advance(self._cell, 0.0, 0.0, 0.0)
-        self._parameters = parameters
-        self._constants = parameters.as_dict()
+        told = self._advance(self._address, 0.0, 0.0, 0.0)
+        if parameters is not self._parameters:
+            self._parameters = parameters
+            self._constants = parameters.as_dict()
         self._started = True
-        if status != layout.FINE:
-            self._refuse(status, None)
+        if told[0] != layout.FINE:
+            self._refuse(told[0], None)
         if self._renderer is not None:
             self._renderer.forget()
         if self.render_mode == "human":
             self.render()
-        return self._observe(), self._report()[0]
+        return self._observe(), self._info(told)
 
     def step(self, action: Any) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """One control period under a force that is held.
@@ -236,19 +237,20 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             raise gym.error.ResetNeeded("step called before reset: call reset first")
         if self._all_axes and type(action) is ndarray:
             try:  # the compiled step looks at the numbers itself
-                status = self._advance(self._cell, *action.tolist())
+                told = self._advance(self._address, *action.tolist())
             except (TypeError, ValueError):
-                status = self._advance(self._cell, *self._checked_action(action))
+                told = self._advance(self._address, *self._checked_action(action))
         else:
-            status = self._advance(self._cell, *self._checked_action(action))
-        if status == layout.UNFINISHED:
-            status = kernels.advance_adaptively(self._cell, *self._checked_action(action))
-        if status != layout.FINE:
-            self._refuse(status, action)
+            told = self._advance(self._address, *self._checked_action(action))
+        status = told[0]
+        if status != 0:  # layout.FINE, which would take time to look up
+            if status == layout.UNFINISHED:
+                told = kernels.entry(kernels.advance_adaptively)(self._address, *self._checked_action(action))
+            if told[0] != layout.FINE:
+                self._refuse(told[0], action)
         if self.render_mode == "human":
             self.render()
-        info, reward, ended = self._report()
-        return self._observe(), reward, ended != 0.0, False, info
+        return self._observe(), told[7], told[8], False, self._info(told)
 
     def render(self) -> Any:
         """A frame, shape (height, width, 3), uint8, in mode "rgb_array"; shows one on the screen in mode "human".
@@ -263,7 +265,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             from spring_pendulum_env.rendering import Renderer
 
             self._renderer = Renderer(self.render_mode, self.metadata["render_fps"], self.scenario)
-        return self._renderer.draw(self._full_state, self._parameters, self._force, float(self._outcome[0]))
+        return self._renderer.draw(self._full_state, self._parameters, self._force, float(self._cell[layout.TIME]))
 
     def close(self) -> None:
         """Closes the window, if there is one. May be called twice."""
@@ -289,25 +291,22 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             raise ValueError(f"action = {action!r}: must be finite")
         raise FloatingPointError(f"{failure(status)} (state {self._full_state}, {self._parameters})")
 
-    def _report(self) -> tuple[dict[str, Any], float, float]:
-        """The info, the reward, and whether the task's condition to end is met, of the last step."""
-        # In the order of the fields that layout.py describes.
-        outcome = self._outcome.tolist()
-        time, energy, excess, error, work, dissipated, _, _, _, _, _, reward, ended, _ = outcome
+    def _info(self, told: kernels.Told) -> dict[str, Any]:
+        """The info about the last step."""
         info: dict[str, Any] = {
-            "time": time,
-            "energy": energy,
-            "excess_energy": excess,
-            "energy_error": error,
-            "work": work,
-            "dissipated": dissipated,
+            "time": told[1],
+            "energy": told[2],
+            "excess_energy": told[3],
+            "energy_error": told[4],
+            "work": told[5],
+            "dissipated": told[6],
             "parameters": self._constants.copy(),
         }
         if self._terms:
             info["force"] = self._force.copy()
             for name, place in self._terms:
-                info[name] = outcome[place]
-        return info, reward, ended
+                info[name] = told[place]
+        return info
 
 
 def failure(status: int) -> str:

@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.extending import register_jitable
+from numba import types
+from numba.extending import intrinsic, register_jitable
 
 from spring_pendulum_env import integrators, physics, tasks
 
 FOLDER = Path(__file__).parent
-COMPILED = ("physics", "integrators", "tasks", "layout", "jit", "schemes", "kernels")
+COMPILED = ("physics", "equilibria", "integrators", "tasks", "scenario", "layout", "jit", "schemes", "kernels")
 """Modules whose functions and constants are compiled, besides those of `dynamics`."""
 
 
@@ -70,6 +71,19 @@ def compiled_for_width(function: Callable[..., Any]) -> Any:
     return compiled(function)
 
 
+def _floats_at(_typing: Any, _address: Any) -> Any:
+    """For compiled code: an address as a pointer to float64 numbers, of which `numba.carray` makes an array."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+    return types.CPointer(types.float64)(types.intp), generate  # type: ignore[no-untyped-call]
+
+
+floats_at: Any = intrinsic(_floats_at)
+carray: Any = numba.carray  # type: ignore[attr-defined]
+
+
 for _function in (
     physics.length,
     physics.spring_force,
@@ -83,6 +97,7 @@ for _function in (
     physics.total_energy,
     physics.energy_error,
     tasks.reward_terms,
+    tasks.displaced,
     integrators.approaches_zero,
 ):
     register_jitable(error_model="numpy")(_function)

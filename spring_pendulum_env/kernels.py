@@ -18,23 +18,24 @@ from typing import Any
 import numba
 import numpy as np
 from numba.misc.special import literally
-from numpy.typing import NDArray
 
 from spring_pendulum_env import physics, tasks
+from spring_pendulum_env.equilibria import BODY_STATE
 from spring_pendulum_env.integrators import FINEST, REFINEMENT
-from spring_pendulum_env.jit import cache_folder, compiled, compiled_for_width
+from spring_pendulum_env.jit import cache_folder, carray, compiled, compiled_for_width, floats_at
 from spring_pendulum_env.layout import (
     AXIS_COUNT,
     AXIS_SLOTS,
     BAD_ACTION,
     BEFORE,
     BUFFER,
+    CELL,
+    CELL_SETTINGS,
     CENTRING_SCALE,
     CHUNK,
     CLOCK,
     DEVIATION,
     DISSIPATED,
-    ELAPSED,
     ENDED,
     ENERGY,
     ENERGY_SCALE,
@@ -46,16 +47,17 @@ from spring_pendulum_env.layout import (
     FRESH,
     GUARDED,
     HEIGHTS,
+    KEPT,
     LOST,
     LOST_TO_DRAG,
     MASSES,
     MAX_FORCE,
     MOVED,
     NOT_FINITE,
+    OUTCOMES,
     PERIOD,
     PHYSICS,
     POSTURE_SCALE,
-    REPORTED,
     REST_ENERGY,
     REWARD,
     START_ENERGY,
@@ -63,6 +65,7 @@ from spring_pendulum_env.layout import (
     STEPS,
     TERMS,
     TIME,
+    TIME_LIMIT,
     TOLERANCE,
     TRAVEL,
     UNFINISHED,
@@ -72,6 +75,7 @@ from spring_pendulum_env.layout import (
     WORK,
     WORK_DONE,
 )
+from spring_pendulum_env.scenario import START_NUMBERS
 from spring_pendulum_env.schemes import adapt, split
 
 
@@ -147,7 +151,6 @@ def _report(b, width, lanes, settings):
         b[DISSIPATED, j] = dissipated
         b[LOST_TO_DRAG, j] = dissipated
         b[CLOCK, j] = clock
-        b[ELAPSED, j] = clock
         b[TIME, j] = clock * period
         energy = physics.total_energy(
             b[0, j], b[1, j], b[2, j], b[3, j], b[4, j], b[5, j], b[6, j], b[7, j], b[8, j],
@@ -202,67 +205,88 @@ def _report(b, width, lanes, settings):
 
 
 @compiled
-def _enter(cell, x, y, z, b):
-    """Into the buffer: the fields, and the force of the action, none for a pendulum that was just placed."""
-    for i in range(FIELDS):
-        b[i, 0] = cell[i]
-    scale = cell[REPORTED + MAX_FORCE] if b[FRESH, 0] == 0.0 else 0.0
+def _enter(b, x, y, z):
+    """The force of the action, none for a pendulum that was just placed; keeps the state."""
+    scale = b[CELL_SETTINGS + MAX_FORCE, 0] if b[FRESH, 0] == 0.0 else 0.0
     b[FORCE, 0] = scale * min(max(x, -1.0), 1.0)
     b[FORCE + 1, 0] = scale * min(max(y, -1.0), 1.0)
     b[FORCE + 2, 0] = scale * min(max(z, -1.0), 1.0)
+    for i in range(18):
+        b[KEPT + i, 0] = b[i, 0]
 
 
 @compiled
-def _leave(cell, b):
-    """From the buffer: what the step changed and what it reports; the STATUS."""
-    _report(b, 1, np.int64(1), cell[REPORTED:])
-    for i in range(REPORTED):
-        cell[i] = b[i, 0]
-    return int(b[STATUS, 0])
+def _told(b, status):
+    """What the environment tells of a step; a STATUS of another type than int64 would have it compiled once more."""
+    return (
+        status,
+        b[TIME, 0],
+        b[ENERGY, 0],
+        b[EXCESS, 0],
+        b[ERROR, 0],
+        b[WORK_DONE, 0],
+        b[LOST_TO_DRAG, 0],
+        b[REWARD, 0],
+        b[ENDED, 0] != 0.0,
+        b[TERMS, 0],
+        b[TERMS + 1, 0],
+        b[TERMS + 2, 0],
+        b[TERMS + 3, 0],
+        b[TERMS + 4, 0],
+    )
 
 
-def _advance(cell, x, y, z):
+@compiled
+def _leave(b):
+    """Ends a step: the state of one that hasn't moved, and what is told."""
+    if b[MOVED, 0] == 0.0:
+        for i in range(18):
+            b[i, 0] = b[KEPT + i, 0]
+    _report(b, 1, np.int64(1), b.reshape(CELL)[CELL_SETTINGS:])
+    return _told(b, np.int64(b[STATUS, 0]))
+
+
+def _advance(address, x, y, z):
     """One control period of a single pendulum under the action (x, y, z), in units of max_force, by the splitting.
 
-    One that was just placed is only reported. Returns its STATUS; nothing has changed where that is BAD_ACTION (the
+    One that was just placed is only reported. The pendulum's state is as before where the STATUS is BAD_ACTION (the
     action isn't finite) or UNFINISHED.
 
     Args:
-        cell: shape (CELL,), read and written.
+        address: of a cell, in which the step works: a number is handed over in a third of the time that an array takes.
+
+    Returns:
+        STATUS; time, energy, excess energy, energy error, work, dissipated; reward, whether it ended; the reward terms.
     """
+    b = carray(floats_at(address), (CELL, 1))
     if not math.isfinite(x + y + z):
-        return BAD_ACTION
-    b = np.empty((BUFFER, 1))
+        return _told(b, np.int64(BAD_ACTION))
     one = np.int64(1)  # of a plain 1 numba would compile what is handed it a second time
     refinement = one
+    _enter(b, x, y, z)
     while refinement <= FINEST:
-        _enter(cell, x, y, z, b)
         _begin(b, 1, one)
-        split(b, 1, one, refinement, cell[REPORTED + PERIOD])
+        split(b, 1, one, refinement, b[CELL_SETTINGS + PERIOD, 0])
         _settle(b, 1, one)
         if b[GUARDED, 0] == 0.0:
-            if b[MOVED, 0] == 0.0:
-                for i in range(18):
-                    b[i, 0] = cell[i]
-            return _leave(cell, b)
-        refinement *= REFINEMENT
-    return UNFINISHED
-
-
-def _advance_adaptively(cell, x, y, z):
-    """As `_advance`, by the adaptive scheme; never UNFINISHED."""
-    if not math.isfinite(x + y + z):
-        return BAD_ACTION
-    b = np.empty((BUFFER, 1))
-    one = np.int64(1)
-    _enter(cell, x, y, z, b)
-    _begin(b, 1, one)
-    adapt(b, one, cell[REPORTED + PERIOD], cell[REPORTED + TOLERANCE])
-    _settle(b, 1, one)
-    if b[MOVED, 0] == 0.0:
+            return _leave(b)
         for i in range(18):
-            b[i, 0] = cell[i]
-    return _leave(cell, b)
+            b[i, 0] = b[KEPT + i, 0]
+        refinement *= REFINEMENT
+    return _told(b, np.int64(UNFINISHED))
+
+
+def _advance_adaptively(address, x, y, z):
+    """As `_advance`, by the adaptive scheme; never UNFINISHED."""
+    b = carray(floats_at(address), (CELL, 1))
+    if not math.isfinite(x + y + z):
+        return _told(b, np.int64(BAD_ACTION))
+    one = np.int64(1)
+    _enter(b, x, y, z)
+    _begin(b, 1, one)
+    adapt(b, one, b[CELL_SETTINGS + PERIOD, 0], b[CELL_SETTINGS + TOLERANCE, 0])
+    _settle(b, 1, one)
+    return _leave(b)
 
 
 @compiled
@@ -329,7 +353,7 @@ def _load(rows, indices, lanes, settings, actions, b):
 
 
 @compiled
-def _store(rows, indices, lanes, b, observations, outcomes, forces, ended):
+def _store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated):
     """From the buffer: what a step changed, and what it reports."""
     if b.shape[1] != WIDTH:
         return
@@ -338,7 +362,7 @@ def _store(rows, indices, lanes, b, observations, outcomes, forces, ended):
         flat = b.reshape(b.size)
         for n in range(PHYSICS * WIDTH):
             whole[n] = flat[n]
-        for i in range(REPORTED - FIELDS):
+        for i in range(OUTCOMES):
             outcome = outcomes[i, indices[0] : indices[0] + WIDTH]
             for j in range(WIDTH):
                 outcome[j] = b[FIELDS + i, j]
@@ -346,7 +370,7 @@ def _store(rows, indices, lanes, b, observations, outcomes, forces, ended):
         for j in range(lanes):
             for i in range(PHYSICS):
                 rows[indices[j] // WIDTH, i, indices[j] % WIDTH] = b[i, j]
-            for i in range(REPORTED - FIELDS):
+            for i in range(OUTCOMES):
                 outcomes[i, indices[j]] = b[FIELDS + i, j]
     # Loops of constant length, which are fast: all numbers of the state, or those of the two masses.
     if observations.shape[1] == 18:
@@ -364,7 +388,12 @@ def _store(rows, indices, lanes, b, observations, outcomes, forces, ended):
         force = forces[indices[j]]
         for i in range(3):
             force[i] = b[FORCE + i, j]
-        ended[indices[j]] = b[ENDED, j] != 0.0
+    # A pendulum that was just placed has made no step: no reward, and no end.
+    for j in range(lanes):
+        moved = b[MOVED, j] != 0.0
+        rewards[indices[j]] = b[REWARD, j] if moved else 0.0
+        terminated[indices[j]] = moved & (b[ENDED, j] != 0.0)
+        truncated[indices[j]] = moved & (b[CLOCK, j] >= limit)
 
 
 @compiled
@@ -380,7 +409,30 @@ def _set_again(rows, indices, lanes, b):
                     b[i, j] = rows[indices[j] // WIDTH, i, indices[j] % WIDTH]
 
 
-def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces, ended):
+def _place(rows, wanted, template, rest, spread, numbers, taken):
+    """Gives pendulums that are as usual the next of their starts.
+
+    Args:
+        rows: shape (blocks, FIELDS, WIDTH), written.
+        wanted: which pendulums, shape (n,).
+        template: `layout.template` of them all, shape (FIELDS,).
+        rest, spread: the start's means, shape (18,), and standard deviations, shape (START_NUMBERS,).
+        numbers, taken: as `starts.Starts` has them; one more is taken of each.
+    """
+    for index in wanted:
+        row = rows[index // WIDTH]
+        j = index % WIDTH
+        for i in range(FIELDS):
+            row[i, j] = template[i]
+        for i in range(18):
+            row[i, j] = rest[i]
+        for i in range(START_NUMBERS):
+            place = BODY_STATE[i]
+            row[place, j] = tasks.displaced(rest[place], spread[i], numbers[index, taken[index], i])
+        taken[index] += 1
+
+
+def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces, rewards, terminated, truncated):
     """One control period of many pendulums by the splitting, and their reports. Returns the largest STATUS.
 
     Those that were just placed are only reported; those that are UNFINISHED haven't changed.
@@ -391,12 +443,13 @@ def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces,
         settings: shape (SETTINGS,).
         actions: shape (pendulums, actuated axes), finite.
         observations: shape (pendulums, 12 or 18), written.
-        outcomes: shape (REPORTED - FIELDS, pendulums), written: what a step reports.
+        outcomes: shape (OUTCOMES, pendulums), written: what a step reports.
         forces: shape (pendulums, 3), written.
-        ended: shape (pendulums,), written.
+        rewards, terminated, truncated: shape (pendulums,), written.
     """
     b = np.empty((BUFFER, WIDTH))
     indices = np.empty(WIDTH, dtype=np.int64)
+    limit = settings[TIME_LIMIT]
     queue = np.empty(CHUNK, dtype=np.int64)
     worst = FINE
     for begin in range(0, wanted.size, CHUNK):
@@ -433,16 +486,19 @@ def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces,
                 if wrong:
                     for j in range(count):
                         worst = max(worst, int(b[STATUS, j]))
-                _store(rows, indices, lanes, b, observations, outcomes, forces, ended)
+                _store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated)
             refinement *= REFINEMENT
             waiting = again if refinement <= FINEST else 0
     return worst
 
 
-def _step_batch_adaptively(rows, wanted, settings, actions, observations, outcomes, forces, ended):
+def _step_batch_adaptively(
+    rows, wanted, settings, actions, observations, outcomes, forces, rewards, terminated, truncated
+):
     """As `_step_batch`, by the adaptive scheme; never UNFINISHED."""
     b = np.empty((BUFFER, WIDTH))
     indices = np.empty(WIDTH, dtype=np.int64)
+    limit = settings[TIME_LIMIT]
     worst = FINE
     for begin in range(0, wanted.size, WIDTH):
         count = min(WIDTH, wanted.size - begin)
@@ -460,7 +516,7 @@ def _step_batch_adaptively(rows, wanted, settings, actions, observations, outcom
         _report(b, WIDTH, lanes, settings)
         for j in range(count):
             worst = max(worst, int(b[STATUS, j]))
-        _store(rows, indices, lanes, b, observations, outcomes, forces, ended)
+        _store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated)
     return worst
 
 
@@ -468,11 +524,13 @@ with cache_folder() as _cached:
     # A single pendulum's step is too short for letting go of Python's lock to pay.
     advance = numba.njit(error_model="numpy", cache=_cached)(_advance)
     advance_adaptively = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_advance_adaptively)
+    place = numba.njit(error_model="numpy", cache=_cached)(_place)
     step_batch = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_step_batch)
     step_batch_adaptively = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_step_batch_adaptively)
 
 
-Advance = Callable[[NDArray[np.float64], float, float, float], int]
+Told = tuple[int, float, float, float, float, float, float, float, bool, float, float, float, float, float]
+Advance = Callable[[int, float, float, float], Told]
 
 
 def entry(function: Any) -> Advance:
@@ -483,7 +541,7 @@ def entry(function: Any) -> Advance:
     Raises (the function that is returned):
         TypeError, ValueError: an action isn't three numbers.
     """
-    signature = numba.int64(numba.float64[::1], numba.float64, numba.float64, numba.float64)
+    signature = (numba.intp, numba.float64, numba.float64, numba.float64)
     function.compile(signature)
-    result: Advance = function.overloads[signature.args].entry_point
+    result: Advance = function.overloads[signature].entry_point
     return result

@@ -1,8 +1,8 @@
 """How pendulums are laid out in memory for the compiled step, and how one is put there.
 
 Many pendulums are kept in `rows`, an array of shape (blocks, FIELDS, WIDTH): each block holds WIDTH pendulums side by
-side, one field after the other. A single one is kept in a `cell`, an array of shape (CELL,): its fields, what its last
-step reported, and the settings.
+side, one field after the other. A single one is kept in a `cell`, an array of shape (CELL,), in which the compiled step
+works too: its fields, what its last step reported, what the step needs while it works, and the settings.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ FIELDS = 48
 # What a step reports of a pendulum besides, after the fields.
 TIME, ENERGY, EXCESS, ERROR, WORK_DONE, LOST_TO_DRAG, TERMS = range(FIELDS, FIELDS + 7)
 REWARD = TERMS + len(tasks.REWARD_TERMS)  # TERMS: the weighted reward terms
+OUTCOMES = REWARD - FIELDS  # how many there are before the reward
 ENDED = REWARD + 1  # 1 where the task's condition to end is met
-ELAPSED = ENDED + 1  # CLOCK
-REPORTED = ELAPSED + 1
+REPORTED = ENDED + 1
 
 # What the compiled step keeps of a pendulum while it works, after that.
 STAGES = len(integrators.KICKS)
@@ -76,15 +76,18 @@ FINE, BAD_ACTION, NOT_FINITE, TOO_MANY_STEPS, UNFINISHED = range(5)  # the last:
     POSTURE_SCALE,
     VELOCITY_SCALE,
     CENTRING_SCALE,
+    TIME_LIMIT,  # control periods until an episode is truncated; a single environment leaves that to a wrapper
     WEIGHTS,  # 5, one for each reward term
-) = range(11)
+) = range(12)
 AXIS_SLOTS = WEIGHTS + len(tasks.REWARD_TERMS)  # 3: which number of an action belongs to x, y and z; -1: none
 SETTINGS = AXIS_SLOTS + 3
 
-CELL = REPORTED + SETTINGS
+KEPT = BUFFER  # 18: in a cell, the state before the step
+CELL_SETTINGS = KEPT + 18
+CELL = CELL_SETTINGS + SETTINGS
 
 
-def settings_of(scenario: Scenario) -> FloatArray:
+def settings_of(scenario: Scenario, time_limit: float = math.inf) -> FloatArray:
     """The numbers that all pendulums of an environment share, shape (SETTINGS,)."""
     task = scenario.task
     return np.array(
@@ -99,6 +102,7 @@ def settings_of(scenario: Scenario) -> FloatArray:
             task.posture_scale,
             task.velocity_scale,
             task.centring_scale,
+            time_limit,
             *(task.weights.get(term, 0.0) for term in tasks.REWARD_TERMS),
             *(scenario.actuated_axes.find(axis) for axis in physics.AXES),
         ]
@@ -130,7 +134,7 @@ def template(scenario: Scenario, parameters: Parameters) -> FloatArray:
 
 
 def fill(rows: FloatArray, indices: NDArray[np.intp], fields: FloatArray, states: FloatArray) -> None:
-    """Puts pendulums in their places in `rows`.
+    """Puts pendulums in their places in `rows`; those that are as usual `kernels.place` puts there faster.
 
     Args:
         rows: shape (blocks, FIELDS, WIDTH), written.

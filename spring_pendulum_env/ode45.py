@@ -86,7 +86,7 @@ class ODE45(OdeSolver):  # type: ignore[misc] # SciPy is untyped
         failures: steps tried in vain.
 
     Raises:
-        ValueError: a tolerance or the gap isn't positive and finite.
+        ValueError: a tolerance or the gap isn't positive and finite, or `atol` has another shape than the state.
     """
 
     t: float
@@ -108,6 +108,8 @@ class ODE45(OdeSolver):  # type: ignore[misc] # SciPy is untyped
         for tolerance in np.ravel(np.asarray(atol, dtype=object)):
             positive_number("atol", tolerance)
         self.threshold = np.asarray(atol, dtype=np.float64) / self.rtol
+        if self.threshold.shape not in ((), (self.n,)):
+            raise ValueError(f"atol of shape {self.threshold.shape}: must be one number or have shape ({self.n},)")
         self.steps = 0
         self.failures = 0
         self.slopes = np.empty((7, self.n))

@@ -14,6 +14,7 @@ from typing import Any, Literal, Protocol, TypedDict, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from spring_pendulum_env import tasks
 from spring_pendulum_env.equilibria import spring_lengths, vertical_state
 from spring_pendulum_env.physics import AXES, Parameters
 from spring_pendulum_env.tasks import Task
@@ -179,10 +180,10 @@ class Scenario:
         return vertical_state(*self.spring_heights(self.parameters))
 
     @functools.cached_property
-    def _spread(self) -> FloatArray:
-        """Standard deviations of the start, shape (18,); nothing for the anchor."""
-        displacements = [0.0] * 3 + [self.start_scale * self.task.start_displacement] * 6
-        velocities = [0.0] * 3 + [self.start_scale * self.task.start_velocity] * 6
+    def spread(self) -> FloatArray:
+        """Standard deviations of the masses' start positions, m, and velocities, m/s, shape (START_NUMBERS,)."""
+        displacements = [self.start_scale * self.task.start_displacement] * 6
+        velocities = [self.start_scale * self.task.start_velocity] * 6
         return np.array(displacements + velocities)
 
     def spring_heights(self, parameters: Parameters) -> tuple[float, float]:
@@ -217,12 +218,10 @@ class Scenario:
         return parameters, self.start_from(rest, random.standard_normal(START_NUMBERS))
 
     def start_from(self, rest: FloatArray, noise: FloatArray) -> FloatArray:
-        """States of shape (..., 18) about `rest` from START_NUMBERS normal random numbers each."""
-        start: FloatArray = np.zeros((*noise.shape[:-1], 18))
-        start[..., 3:9] = noise[..., :6]
-        start[..., 12:18] = noise[..., 6:]
-        start *= self._spread
-        start += rest
+        """A state of shape (18,) about `rest` from START_NUMBERS normal random numbers."""
+        start = rest.copy()
+        start[3:9] = tasks.displaced(rest[3:9], self.spread[:6], noise[:6])
+        start[12:18] = tasks.displaced(rest[12:18], self.spread[6:], noise[6:])
         return start
 
     def checked_state(self, state: Any) -> FloatArray:

@@ -10,37 +10,40 @@ from spring_pendulum_env.scenario import START_NUMBERS
 
 FloatArray = NDArray[np.float64]
 
-AHEAD = 4
-"""Starts drawn at once, since asking a generator for a few numbers costs more than the numbers."""
+MOST_AHEAD = 16
+"""Starts drawn at once, since asking a generator for a few numbers costs more than the numbers ..."""
+
+NUMBERS_AHEAD = 2**21
+"""... and at most so many numbers for all rows, 16 MB."""
 
 
 class Starts:
     """One random number generator for each row, with the normal numbers of its next starts.
+
+    `numbers`, shape (rows, starts, START_NUMBERS), are those drawn; `taken`, shape (rows,), how many starts of each row
+    have been taken since.
 
     The numbers are those that the generators give one start at a time. Where parameters are randomised too their
     numbers lie between those of two starts, so then nothing is drawn ahead.
     """
 
     def __init__(self, rows: int, ahead: bool) -> None:
-        self._size = AHEAD if ahead else 1
+        self._size = min(MOST_AHEAD, max(1, NUMBERS_AHEAD // (rows * START_NUMBERS))) if ahead else 1
         self._generators: list[np.random.Generator | None] = [None] * rows
-        self._numbers = np.empty((rows, self._size, START_NUMBERS))
-        self._taken = np.full(rows, self._size)
+        self.numbers = np.empty((rows, self._size, START_NUMBERS))
+        self.taken = np.full(rows, self._size)
 
     def seed(self, row: int, seed: int | None) -> None:
         """Makes a row's random numbers start again from a seed; without one, they go on, or start anywhere."""
         if seed is not None or self._generators[row] is None:
             self._generators[row], _ = seeding.np_random(seed)
-            self._taken[row] = self._size
+            self.taken[row] = self._size
 
-    def draw(self, rows: NDArray[np.intp]) -> FloatArray:
-        """The numbers of the next start of each of some rows, shape (n, START_NUMBERS)."""
-        for row in rows[self._taken[rows] == self._size].tolist():
-            self._generator(row).standard_normal(out=self._numbers[row])
-            self._taken[row] = 0
-        drawn: FloatArray = self._numbers[rows, self._taken[rows]]
-        self._taken[rows] += 1
-        return drawn
+    def prepare(self, rows: NDArray[np.intp]) -> None:
+        """Draws for those of some rows of whose starts none is left."""
+        for row in rows[self.taken[rows] == self._size].tolist():
+            self._generator(row).standard_normal(out=self.numbers[row])
+            self.taken[row] = 0
 
     def row(self, row: int) -> Row:
         """The random numbers of one row, as a `scenario.Random`."""
@@ -65,5 +68,7 @@ class Row:
     def standard_normal(self, size: int) -> FloatArray:
         """As NumPy's, START_NUMBERS at a time."""
         assert size == START_NUMBERS
-        numbers: FloatArray = self._starts.draw(np.array([self._row]))[0]
+        self._starts.prepare(np.array([self._row]))
+        numbers: FloatArray = self._starts.numbers[self._row, self._starts.taken[self._row]].copy()
+        self._starts.taken[self._row] += 1
         return numbers

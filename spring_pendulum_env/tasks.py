@@ -83,6 +83,11 @@ def reward_terms(
     )
 
 
+def displaced(rest: Scalar, spread: Scalar, noise: Scalar) -> Scalar:
+    """A number of the state at the start, from its value at rest, its standard deviation, and a normal number."""
+    return rest + spread * noise
+
+
 PASSIVE = Task(
     name="passive",
     actuated=False,

@@ -105,15 +105,14 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
 
-        self._settings = layout.settings_of(self.scenario)
+        self._settings = layout.settings_of(self.scenario, self.max_episode_steps)
         self._template = layout.template(self.scenario, self.scenario.parameters)
         self._rows = np.zeros((-(-num_envs // layout.WIDTH), layout.FIELDS, layout.WIDTH))
         if self.threads > 1:
             self._pool = concurrent.futures.ThreadPoolExecutor(self.threads)
         self._shares = _shares(num_envs, self.threads)
-        self._numbers = _NUMBERS | {
-            f"reward_{term}": layout.TERMS + REWARD_TERMS.index(term) for term in self.scenario.task.terms
-        }
+        terms = {f"reward_{term}": layout.TERMS + REWARD_TERMS.index(term) for term in self.scenario.task.terms}
+        self._numbers = [(name, f"_{name}", place - layout.FIELDS) for name, place in (_NUMBERS | terms).items()]
         self._starts = Starts(num_envs, ahead=not self.scenario.randomise)
         self._constants = {name: np.full(num_envs, value) for name, value in self.scenario.parameters.as_dict().items()}
         self._unusual: BoolArray = np.zeros(num_envs, dtype=np.bool_)  # rows whose constants are drawn or set
@@ -182,8 +181,8 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         if not self._started:
             raise gym.error.ResetNeeded("step called before reset: call reset first")
         numbers = self._checked_actions(actions)
-        restarted = np.flatnonzero(self._ended) if self._ended.any() else None
-        if restarted is not None:
+        restarted = np.flatnonzero(self._ended)
+        if restarted.size:
             if self.autoreset_mode == AutoresetMode.DISABLED:
                 raise gym.error.ResetNeeded(f"rows {_some(restarted)} have ended: reset them with a reset_mask first")
             self._place(restarted, {})
@@ -191,23 +190,18 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
 
         results = _Results.empty(self.num_envs, self.scenario.state_size)
         self._advance(numbers, results)
-        terminated = results.ended
-        truncated = results.field(layout.ELAPSED) >= self.max_episode_steps
-        rewards = results.field(layout.REWARD).copy()
-        if restarted is not None:  # these rows were reset instead of stepped
-            rewards[restarted] = 0.0
-            terminated[restarted] = False
+        rewards, terminated, truncated = results.rewards, results.terminated, results.truncated
         ended = terminated | truncated
-        infos: dict[str, Any] = {}
         if self.autoreset_mode != AutoresetMode.SAME_STEP:
             self._ended = ended
         elif ended.any():
             last = np.flatnonzero(ended)
             infos = self._final(results, last, ended)
-            terminated = terminated.copy()
+            rewards, terminated, truncated = rewards.copy(), terminated.copy(), truncated.copy()
             self._place(last, {})
             self._report_placed(last, results)
-        return results.observations, rewards, terminated, truncated, infos | self._infos(results, self._all)
+            return results.observations, rewards, terminated, truncated, infos | self._infos(results, self._all)
+        return results.observations, rewards, terminated, truncated, self._infos(results, self._all)
 
     def render(self) -> tuple[Any, ...] | None:
         """A frame of each of `render_rows`, shape (height, width, 3), uint8; None without a render_mode.
@@ -233,9 +227,10 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         """Gives rows new episodes; all of them are drawn before the first is placed, so an error changes no row."""
         usual = not options and not self.scenario.randomise  # this is to cost little
         if usual:
-            states = self.scenario.start_from(self.scenario.rest, self._starts.draw(rows))
-            layout.fill(self._rows, rows, self._template, states)
-            drawn = [self.scenario.parameters] * rows.size
+            self._starts.prepare(rows)
+            start = (self.scenario.rest, self.scenario.spread, self._starts.numbers, self._starts.taken)
+            kernels.place(self._rows, rows, self._template, *start)
+            drawn = [self.scenario.parameters] * rows.size if self._any_unusual else []
         else:
             episodes = [
                 self.scenario.draw(
@@ -359,27 +354,21 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             for name, values in self._constants.items():
                 self._shown_constants[name] = _read_only(values.copy())
                 self._shown_constants[f"_{name}"] = self._all
-        if chosen is self._all:
-            return self._arrange(results.numbers(self._numbers), results.forces, dict(self._shown_constants), chosen)
-        numbers = {name: np.where(chosen, values, 0.0) for name, values in results.numbers(self._numbers).items()}
-        constants = {
-            name: chosen if name.startswith("_") else np.where(chosen, values, 0.0)
-            for name, values in self._shown_constants.items()
-        }
-        return self._arrange(numbers, np.where(chosen[:, None], results.forces, 0.0), constants, chosen)
-
-    def _arrange(
-        self, numbers: dict[str, FloatArray], forces: FloatArray, constants: dict[str, Any], mask: BoolArray
-    ) -> dict[str, Any]:
+        outcomes, forces, constants = results.outcomes, results.forces, self._shown_constants.copy()
+        if chosen is not self._all:
+            outcomes = np.where(chosen, outcomes, 0.0)
+            forces = np.where(chosen[:, None], forces, 0.0)
+            for name, values in constants.items():
+                constants[name] = chosen if name.startswith("_") else np.where(chosen, values, 0.0)
         infos: dict[str, Any] = {}
-        for name, values in numbers.items():
-            infos[name] = values
-            infos[f"_{name}"] = mask
+        for name, mask, place in self._numbers:
+            infos[name] = outcomes[place]
+            infos[mask] = chosen
         infos["parameters"] = constants
-        infos["_parameters"] = mask
+        infos["_parameters"] = chosen
         if self.scenario.task.actuated:
             infos["force"] = forces
-            infos["_force"] = mask
+            infos["_force"] = chosen
         return infos
 
     def _final(self, results: _Results, last: NDArray[np.intp], ended: BoolArray) -> dict[str, Any]:
@@ -415,25 +404,20 @@ class _Results(NamedTuple):
     observations: FloatArray
     outcomes: FloatArray
     forces: FloatArray
-    ended: BoolArray
+    rewards: FloatArray
+    terminated: BoolArray
+    truncated: BoolArray
 
     @classmethod
     def empty(cls, num_envs: int, state_size: int) -> _Results:
         return cls(
             np.empty((num_envs, state_size)),
-            np.empty((layout.REPORTED - layout.FIELDS, num_envs)),
+            np.empty((layout.OUTCOMES, num_envs)),
             np.empty((num_envs, 3)),
+            np.empty(num_envs),
+            np.empty(num_envs, dtype=np.bool_),
             np.empty(num_envs, dtype=np.bool_),
         )
-
-    def field(self, place: int) -> FloatArray:
-        """What a step reports of all rows."""
-        values: FloatArray = self.outcomes[place - layout.FIELDS]
-        return values
-
-    def numbers(self, places: Mapping[str, int]) -> dict[str, FloatArray]:
-        """Fields by name."""
-        return {name: self.outcomes[place - layout.FIELDS] for name, place in places.items()}
 
 
 def _positive_integer(name: str, value: Any) -> int:

@@ -20,7 +20,6 @@ ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "scripts"))
 
 measuring: Any = importlib.import_module("benchmarks.measuring")
-mujoco_peer: Any = importlib.import_module("benchmarks.mujoco_peer")
 passive: Any = importlib.import_module("benchmarks.passive")
 parts: Any = importlib.import_module("benchmarks.parts")
 inside: Any = importlib.import_module("benchmarks.inside")
@@ -126,23 +125,6 @@ def test_roots_and_divisions_are_counted_from_the_formulas() -> None:
     stages = len(integrators.KICKS)
     assert roots == 2 * stages + 2
     assert divisions > 2 * stages + 4
-
-
-@pytest.mark.parametrize("actuated", [False, True])
-def test_mujoco_simulates_this_very_system_to_the_order_of_its_integrator(actuated: bool) -> None:
-    pytest.importorskip("mujoco")
-    name = "SpringPendulumDamping-v0" if actuated else "SpringPendulumPassive-v0"
-    env = gym.make(name, parameters=PARAMETERS, tolerance=1e-13)
-    start, _ = env.reset(seed=0)
-    action = np.array([0.3, -0.2, 0.1]) if actuated else None
-    for _ in range(25):
-        exact = env.step(action)[0]
-    errors = []
-    for substeps in (8, 16):
-        model = mujoco_peer.mujoco_model(PARAMETERS, substeps, actuated=actuated)
-        errors.append(np.abs(mujoco_peer.mujoco_run(model, start, 25, substeps, action) - exact).max())
-    assert errors[1] < 1e-5
-    assert 3.5 < np.log2(errors[0] / errors[1]) < 4.5
 
 
 def test_heyoka_integrates_the_same_equations() -> None:

@@ -262,6 +262,7 @@ def test_gives_up_where_the_state_runs_away() -> None:
         ({"rtol": math.nan}, "rtol = nan.*> 0"),
         ({"atol": -1.0}, "atol = -1.0.*> 0"),
         ({"atol": [1e-6] * 11 + [0.0]}, "atol = 0.0.*> 0"),
+        ({"atol": [1e-6] * 5}, r"atol of shape \(5,\): .*\(12,\)"),
         ({"first_gap": 0.0}, "first_gap = 0.0.*> 0"),
     ],
 )

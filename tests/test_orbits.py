@@ -122,6 +122,16 @@ def test_search_that_does_not_converge(parameters: Any, state: FloatArray, perio
         periodic_orbit(parameters, state, period, max_iterations=8)
 
 
+def test_period_too_short_to_move_is_no_orbit() -> None:
+    with pytest.raises(NotPeriodicError, match="no time at all"):
+        periodic_orbit(None, VIOLENT, 1e-13)
+
+
+def test_rest_is_no_orbit() -> None:
+    with pytest.raises(NotPeriodicError, match="at rest"):
+        periodic_orbit(None, equilibrium(None, "hanging-hanging")[BODIES], 1.0)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

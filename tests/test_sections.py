@@ -90,6 +90,7 @@ START_MOVING = np.r_[0, 0, 0, 1, 0, 0, 1.0, 0, 0, 0, 0, 0]
         (lambda: Section((0.0,) * 12), "must not all be 0"),
         (lambda: Section((1.0,) * 6), r"coefficients of shape \(6,\)"),
         (lambda: Section.at("X1", np.nan), "value = nan"),
+        (lambda: Section.at("X1", None), "value = None"),  # type: ignore[arg-type]
         (lambda: Section.at("X1", 0.0, 2), "direction = 2"),
         (lambda: poincare_section(None, VIOLENT, "X1"), "section = 'X1'"),  # type: ignore[arg-type]
         (lambda: poincare_section(None, VIOLENT[:6], Section.at("X1")), r"state of shape \(6,\)"),

@@ -17,6 +17,7 @@ import importlib.util
 import gymnasium as gym
 import numpy as np
 import spring_pendulum_env as package
+from spring_pendulum_env import regression
 
 for absent in ("torch", "stable_baselines3", "pygame", "matplotlib", "yaml"):
     assert importlib.util.find_spec(absent) is None, absent
@@ -41,6 +42,7 @@ except gym.error.DependencyNotInstalled as error:
     assert "spring-pendulum-env[render]" in str(error), error
 else:
     raise AssertionError("rendering without pygame raised nothing")
+assert regression.main(["--case", "regular", "--case", "pushed"]) == 0
 print("smoke test passed")
 """
 
@@ -62,7 +64,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_wheel_holds_the_package_alone(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     assert {name.split("/")[0].split("-")[0] for name in names} == {"spring_pendulum_env"}
-    assert "spring_pendulum_env/py.typed" in names
+    assert {"spring_pendulum_env/py.typed", "spring_pendulum_env/data/regression_cases.json"} <= set(names)
     assert not [name for name in names if "__pycache__" in name or name.endswith((".nbi", ".nbc"))]
 
 

@@ -25,6 +25,9 @@ PREPARED = 1000
 """Random actions that are drawn before the clock starts, and used again and again."""
 ENDLESS: dict[str, Any] = {"anchor_travel": 1e9, "max_episode_steps": NEVER}
 """Arguments under which no episode ends."""
+LASTING = 80
+"""Steps after which such ones are all reset, beside the clock: about as long as episodes last under random forces,
+which would otherwise drive the motion on and on."""
 
 
 class EmptyEnv(gym.Env[FloatArray, Any]):
@@ -72,7 +75,7 @@ def single_steps(env_id: str, name: str | None = None) -> Subject:
     return Subject(name or env_id, run)
 
 
-def _batch(name: str, env: Any, pool: NDArray[Any], warm_up: int) -> Subject:
+def _batch(name: str, env: Any, pool: NDArray[Any], warm_up: int, lasting: int = NEVER) -> Subject:
     """Full steps of a vector environment; warmed up, so that its rows end and start anew at different times.
 
     Args:
@@ -81,15 +84,22 @@ def _batch(name: str, env: Any, pool: NDArray[Any], warm_up: int) -> Subject:
         pool: random actions, PREPARED more than there are rows. Each step's are a window of it, so that a row gets
             PREPARED different ones: with few of them, their mean drives the rows off and ends episodes early.
         warm_up: steps.
+        lasting: steps after which all rows are reset.
     """
     offsets = itertools.cycle(np.random.default_rng(0).permutation(PREPARED).tolist())
     count = env.num_envs
     env.reset(seed=0)
+    done = itertools.count(1)
 
     def run(calls: int) -> float:
+        resets = 0.0
         for _, offset in zip(range(calls), offsets, strict=False):
             env.step(pool[offset : offset + count])
-        return 0.0
+            if next(done) % lasting == 0:
+                begin = clock()
+                env.reset()
+                resets += clock() - begin
+        return resets
 
     run(warm_up)
     return Subject(name, run, count)
@@ -102,7 +112,8 @@ def gymnasium_batch(
     env = gym.make_vec(env_id, num_envs=num_envs, vectorization_mode=mode, **arguments)
     actions = batch_space(env.single_action_space, num_envs + PREPARED)
     actions.seed(0)
-    return _batch(name, env, actions.sample(), warm_up)
+    endless = arguments.get("max_episode_steps") == NEVER
+    return _batch(name, env, actions.sample(), warm_up, LASTING if endless else NEVER)
 
 
 def envpool_batch(env_id: str, num_envs: int) -> Subject:

@@ -14,7 +14,7 @@ MISSING = ""
 try:
     from spring_pendulum_env import tasks
     from spring_pendulum_env.kernels import step_batch
-    from spring_pendulum_env.layout import FIELDS, REPORTED, WIDTH, fill, settings_of, steps_in, template
+    from spring_pendulum_env.layout import FIELDS, OUTCOMES, WIDTH, fill, settings_of, steps_in, template
     from spring_pendulum_env.scenario import Scenario
 except ImportError as error:
     MISSING = f"the package's inside has changed ({error})"
@@ -55,6 +55,13 @@ def placed(size: int, control_period: float = 0.02, start_scale: float = 1.0) ->
 def stepping(rows: FloatArray, settings: FloatArray, size: int) -> Callable[[], None]:
     """The one compiled call of a vector step: actions in, the step, all that it reports out."""
     actions = np.random.default_rng(0).uniform(-1, 1, (size, 3))
-    outcomes = np.empty((REPORTED - FIELDS, size))
-    outputs = (np.empty((size, 18)), outcomes, np.empty((size, 3)), np.empty(size, dtype=np.bool_))
+    outcomes = np.empty((OUTCOMES, size))
+    outputs = (
+        np.empty((size, 18)),
+        outcomes,
+        np.empty((size, 3)),
+        np.empty(size),
+        np.empty(size, dtype=np.bool_),
+        np.empty(size, dtype=np.bool_),
+    )
     return partial(step_batch, rows, np.arange(size), settings, actions, *outputs)

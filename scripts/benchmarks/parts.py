@@ -30,7 +30,7 @@ def measure(bench: Bench) -> None:
             divider,
         ]
         timings = bench.timings(subjects)
-        ending, whole, compiled, calmly, extended, limit = (timing.whole * 1e6 for timing in timings)
+        ending, whole, compiled, calmly, extended, limit = (timing.without_resets * 1e6 for timing in timings)
         integrate = (extended - calmly) / 4
         parts = {
             "integrate": integrate,

@@ -146,7 +146,7 @@ def _parts(plt: Any, curves: Mapping[str, Any]) -> Any:
     )
     for axes, (size, entry) in zip(panels[:, 0], parts.items(), strict=True):
         left = 0.0
-        for colour, (name, width) in zip(FAMILY, entry["parts"].items(), strict=True):
+        for colour, (name, width) in zip(FAMILY, entry["parts"].items(), strict=False):
             axes.barh(0, max(width, 0.0), left=left, height=0.6, color=colour, label=name)
             left += max(width, 0.0)
         axes.axvline(entry["divider"], color=INK, linewidth=1.5, linestyle=":", label="the divider's limit")

@@ -89,8 +89,7 @@ def periodic_orbit(
         NotPeriodicError: the search doesn't converge; the message says how close it came.
         ArithmeticError: a spring passes through zero length, or the motion is beyond what floats can hold.
     """
-    flow = Flow(parameters)
-    flow = Flow(flow.parameters, flow.longest_step / FINER)
+    flow = _accurate_flow(parameters)
     state = checked_state(guess, "guess")
     duration = positive_number("period", period)
     positive_number("tolerance", tolerance)
@@ -103,6 +102,8 @@ def periodic_orbit(
         if shot.closure <= tolerance:
             if np.abs(shot.start_slope).max() < 1e-6:
                 raise NotPeriodicError(f"{_failure(guess, period, iteration, shot)}: it is at rest")
+            if shot.duration < flow.longest_step:  # a motion misses its start by nothing where it has no time to move
+                raise NotPeriodicError(f"{_failure(guess, period, iteration, shot)}: that is no time at all")
             multipliers = np.linalg.eigvals(shot.monodromy).astype(complex)
             multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
             return PeriodicOrbit(
@@ -134,9 +135,13 @@ def monodromy_matrix(
         ValueError: a wrong argument.
         ArithmeticError: a spring passes through zero length, or the motion is beyond what floats can hold.
     """
-    flow = Flow(parameters)
-    flow = Flow(flow.parameters, flow.longest_step / FINER)
+    flow = _accurate_flow(parameters)
     return _with_derivatives(flow, checked_state(state), positive_number("duration", duration))
+
+
+def _accurate_flow(parameters: Parameters | Mapping[str, float] | None) -> Flow:
+    usual = Flow(parameters)
+    return Flow(usual.parameters, usual.longest_step / FINER)
 
 
 def _with_derivatives(flow: Flow, state: FloatArray, duration: float) -> tuple[FloatArray, FloatArray]:

@@ -1,4 +1,8 @@
-"""Poincare sections: where a motion passes through a plane of the state space."""
+"""Poincare sections: where a motion passes through a plane of the state space.
+
+The integrator's steps bracket a passage, and Brent's method closes in on it, each trial a step of the integrator of its
+own: M. Henon's idea (Physica D 5 (1982) 412), with a root finder in place of his change of variables.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from spring_pendulum_env.dynamics.checks import checked_state
+from spring_pendulum_env.dynamics.checks import checked_state, finite_number
 from spring_pendulum_env.dynamics.flow import Flow
 from spring_pendulum_env.dynamics.progress import Progress
 from spring_pendulum_env.physics import Parameters
@@ -42,11 +46,10 @@ class Section:
         normal = checked_state(self.coefficients, "coefficients")
         if not normal.any():
             raise ValueError(f"coefficients = {self.coefficients!r}: must not all be 0")
-        if isinstance(self.value, (str, bool)) or not np.isfinite(self.value):
-            raise ValueError(f"value = {self.value!r}: must be a finite number")
         if self.direction not in (-1, 0, 1):
             raise ValueError(f"direction = {self.direction!r}: must be 1 (rising), -1 (falling) or 0 (both)")
         object.__setattr__(self, "coefficients", tuple(float(number) for number in normal))
+        object.__setattr__(self, "value", finite_number("value", self.value))
 
     @classmethod
     def at(cls, coordinate: str, value: float = 0.0, direction: int = 1) -> Section:
