@@ -6,7 +6,7 @@ BIN = $(VENV)/bin
 READY = $(VENV)/ready
 BENCH_VENV ?= .venv-bench
 
-.PHONY: help install demo test check accuracy paper bench play docs wheel-test clean
+.PHONY: help install demo test check accuracy paper bench leaderboard play docs wheel-test clean
 
 help:
 	@echo "make demo        train a damping policy, compare it with doing nothing and LQR, draw the results (in runs/)"
@@ -15,6 +15,7 @@ help:
 	@echo "make accuracy    table of both integrators' errors on the reference trajectories"
 	@echo "make paper       the paper's figures, numbers and claims beside ours (in runs/paper)"
 	@echo "make bench       compare speed with other environments and integrators (in runs/benchmark)"
+	@echo "make leaderboard all controllers on the same unseen starts: tables and figures (in runs/leaderboard)"
 	@echo "make play        open docs/live.html in the browser: drag the pendulum, compare solvers, switch a policy on"
 	@echo "make docs        build the documentation (in site/)"
 	@echo "make wheel-test  build the wheel and try it in an empty environment with the core dependencies alone"
@@ -63,6 +64,9 @@ bench: $(BENCH_VENV)/ready
 play:
 	@echo "docs/live.html, in any browser; it is made by scripts/make_live_page.py"
 	@$(PYTHON) -m webbrowser -t "file://$(CURDIR)/docs/live.html"
+
+leaderboard: $(READY)
+	$(BIN)/python scripts/leaderboard.py $(LEADERBOARD)
 
 wheel-test: $(READY)
 	$(BIN)/python -m pytest tests/test_wheel.py $(PYTEST)

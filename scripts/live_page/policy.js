@@ -1,19 +1,19 @@
 // A trained policy, as agents/residual.py runs it: LQR's action plus what a network adds to it.
 
-function unpacked({ bits, shape, data }) {
-  const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
-  const view = new DataView(bytes.buffer);
-  const numbers = Array.from({ length: (bytes.length * 8) / bits }, (_, i) =>
-    bits === 32 ? view.getFloat32(4 * i, true) : half(view.getUint16(2 * i, true)));
-  if (shape.length === 1) return numbers;
-  return Array.from({ length: shape[0] }, (_, row) => numbers.slice(row * shape[1], (row + 1) * shape[1]));
+const bytes = (data) => Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0)).buffer;
+
+function floats(data) {
+  const view = new DataView(bytes(data));
+  return Array.from({ length: view.byteLength / 4 }, (_, i) => view.getFloat32(4 * i, true));
 }
 
-// A 16-bit float, IEEE 754.
-function half(word) {
-  const sign = word & 0x8000 ? -1 : 1, exponent = (word >> 10) & 31, fraction = word & 1023;
-  if (exponent === 0) return sign * fraction * 2 ** -24;
-  return exponent === 31 ? (fraction ? NaN : sign * Infinity) : sign * (1 + fraction / 1024) * 2 ** (exponent - 15);
+// A vector or the rows of a matrix: floats, or whole numbers with a step for each row.
+function unpacked({ shape, data, steps }) {
+  const numbers = steps ? Array.from(new Int8Array(bytes(data))) : floats(data);
+  if (shape.length === 1) return numbers;
+  const sizes = steps ? floats(steps) : [];
+  return Array.from({ length: shape[0] }, (_, row) =>
+    numbers.slice(row * shape[1], (row + 1) * shape[1]).map((value) => value * (sizes[row] ?? 1)));
 }
 
 const times = (matrix, vector) => matrix.map((row) => row.reduce((sum, value, i) => sum + value * vector[i], 0));
