@@ -68,9 +68,19 @@ play:
 leaderboard: $(READY)
 	$(BIN)/python scripts/leaderboard.py $(LEADERBOARD)
 
+# Sphinx takes a warning for an error, and every link within the site is followed.
+$(VENV)/ready-docs: $(READY)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[docs]'
+	@touch $@
+
+docs: $(VENV)/ready-docs
+	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going -E -d build/doctrees docs site
+	$(BIN)/python scripts/check_links.py site
+	@echo "site/index.html"
+
 wheel-test: $(READY)
 	$(BIN)/python -m pytest tests/test_wheel.py $(PYTEST)
 
 clean:
-	rm -rf $(VENV) $(BENCH_VENV) build dist .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(BENCH_VENV) build dist site .pytest_cache .mypy_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,35 +1,46 @@
-"""Pages made elsewhere in the project, which may not be there yet: `{optional} PATH` takes one in, or says how to make it.
+"""Takes in files that other commands make, and which may not be there yet.
 
-The path counts from the page's folder. The directive's content stands in where there is no such file.
+In a page `<!-- optional: FILE | TEXT -->` stands for a Markdown file in a folder of its own beside the page: without
+its title, its headings from the second level on. Where there is no such file, the text stands there.
 """
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
-from docutils import nodes
 from sphinx.application import Sphinx
-from sphinx.util.docutils import SphinxDirective
+
+MARK = re.compile(r"<!-- optional: (\S+) \| (.+?) -->")
 
 
-class Optional(SphinxDirective):  # type: ignore[misc]
-    """Markdown from a file, its own title left out."""
+def taken_in(file: Path, folder: Path) -> str:
+    """The file's text as part of a page in `folder`.
 
-    required_arguments = 1
-    has_content = True
+    Args:
+        file: Markdown.
+        folder: of the page; pictures are found from there.
+    """
+    lines = [line for line in file.read_text(encoding="utf-8").splitlines() if not line.startswith("# ")]
+    levels = [len(match[1]) for line in lines if (match := re.match(r"(#+) ", line))]
+    shift = 2 - min(levels, default=2)
+    lines = [re.sub(r"^(#+) ", lambda match: "#" * (len(match[1]) + shift) + " ", line) for line in lines]
+    prefix = file.parent.relative_to(folder).as_posix()
+    return re.sub(r"\]\((?!\w+:|#|/)", f"]({prefix}/", "\n".join(lines))
 
-    def run(self) -> list[nodes.Node]:
-        page = Path(self.env.doc2path(self.env.docname))
-        file = page.parent / self.arguments[0]
-        self.env.note_dependency(str(file))
-        if not file.is_file():
-            return list(self.parse_content_to_nodes())
-        lines = file.read_text(encoding="utf-8").splitlines()
-        text = "\n".join(line for line in lines if not line.startswith("# "))
-        return list(self.parse_text_to_nodes(text, allow_section_headings=True))
+
+def fill(app: Sphinx, page: str, source: list[str]) -> None:
+    folder = Path(app.env.doc2path(page)).parent
+
+    def replacement(mark: re.Match[str]) -> str:
+        file = folder / mark[1]
+        app.env.note_dependency(str(file))
+        return taken_in(file, folder) if file.is_file() else mark[2]
+
+    source[0] = MARK.sub(replacement, source[0])
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    app.add_directive("optional", Optional)
+    app.connect("source-read", fill)
     return {"parallel_read_safe": True}
