@@ -69,11 +69,7 @@ leaderboard: $(READY)
 	$(BIN)/python scripts/leaderboard.py $(LEADERBOARD)
 
 # Sphinx takes a warning for an error, and every link within the site is followed.
-$(VENV)/ready-docs: $(READY)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[docs]'
-	@touch $@
-
-docs: $(VENV)/ready-docs
+docs: $(READY)
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going -E -d build/doctrees docs site
 	$(BIN)/python scripts/check_links.py site
 	@echo "site/index.html"

@@ -59,7 +59,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("site", type=Path, nargs="?", default=Path("site"))
     faults, elsewhere = check(parser.parse_args().site.resolve())
-    print("\n".join(f"elsewhere, not fetched: {address} (in {pages[0]})" for address, pages in sorted(elsewhere.items())))
+    print(
+        "\n".join(f"elsewhere, not fetched: {address} (in {pages[0]})" for address, pages in sorted(elsewhere.items()))
+    )
     print("\n".join(faults) or "all links within the site lead somewhere")
     sys.exit(bool(faults))
 

@@ -40,7 +40,7 @@ def frames(environment_id: str) -> list[Image.Image]:
     for step in range(round(SECONDS / scenario.control_period)):
         force = info.get("force", np.zeros(3))
         picture = renderer.draw(base.state, base.parameters, force, info["time"])
-        if step % EVERY == 0:
+        if step % EVERY == 0 and picture is not None:
             pictures.append(Image.fromarray(picture))
         action = policy.predict(observation)[0] if policy else None
         observation, _, terminated, truncated, info = env.step(action)
@@ -56,7 +56,11 @@ def write(file: Path, pictures: list[Image.Image], milliseconds: int) -> None:
     together = Image.new("RGB", (SIZE, SIZE * len(some)))
     for place, picture in enumerate(some):
         together.paste(picture, (0, SIZE * place))
-    palette = together.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE)
+    # The colours of most pixels, for the sky, and those that differ most, for the few pixels of springs and letters.
+    ways = (Image.Quantize.MEDIANCUT, Image.Quantize.MAXCOVERAGE)
+    chosen = [together.quantize(COLOURS, method=way).getpalette() or [] for way in ways]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([value for colours in chosen for value in colours[: 3 * COLOURS]])
     flat = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     flat[0].save(file, save_all=True, append_images=flat[1:], duration=milliseconds, loop=0, optimize=True)
 

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import inspect
 import re
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
-from sphinx.application import Sphinx
 
 from spring_pendulum_env import SpringPendulumEnv
 from spring_pendulum_env.tasks import TASKS, Task
+
+if TYPE_CHECKING:  # so that the tests can do without Sphinx
+    from sphinx.application import Sphinx
 
 MARK = re.compile(r"<!-- manual: (\S+) -->")
 MODES = ("passive", "actuated")

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from sphinx.application import Sphinx
+if TYPE_CHECKING:  # so that the tests can do without Sphinx
+    from sphinx.application import Sphinx
 
 MARK = re.compile(r"<!-- optional: (\S+) \| (.+?) -->")
 
