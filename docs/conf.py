@@ -44,6 +44,7 @@ html_static_path = ["_static"]
 html_css_files = ["style.css"]
 html_extra_path = ["live.html"]
 html_show_sphinx = False
+html_show_copyright = False  # the licence is the README's
 html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {"navigation_with_keys": True}

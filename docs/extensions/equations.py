@@ -29,8 +29,16 @@ class PaperMathDomain(MathDomain):  # type: ignore[misc]
         return nodes.reference("", text, internal=True, refuri=address)
 
 
+def mathml(latex: str, display: str) -> str:
+    """An equation for a page; primes become single characters, as two of them in a row would be set apart."""
+    for primes, sign in (("''", "″"), ("'", "′")):
+        latex = latex.replace(f"{primes}^2", f"^{{{sign} 2}}").replace(primes, f"^{{{sign}}}")
+    done: str = convert(latex, display=display)
+    return done
+
+
 def inline(self: Any, node: nodes.math) -> None:
-    self.body.append(convert(node.astext(), display="inline"))
+    self.body.append(mathml(node.astext(), "inline"))
     raise nodes.SkipNode
 
 
@@ -39,7 +47,7 @@ def displayed(self: Any, node: nodes.math_block) -> None:
     number = label.removeprefix(LABEL) if label.startswith(LABEL) else node.get("number")
     place = f' id="{escape(nodes.make_id(f"equation-{label}"))}"' if label else ""
     shown = f'<span class="eqno">({number})</span>' if label else ""
-    self.body.append(f'<div class="equation"{place}>{convert(node.astext(), display="block")}{shown}</div>\n')
+    self.body.append(f'<div class="equation"{place}>{mathml(node.astext(), "block")}{shown}</div>\n')
     raise nodes.SkipNode
 
 
