@@ -39,6 +39,28 @@ def import_pygame() -> ModuleType:
     return pygame
 
 
+def open_window(size: tuple[int, int], caption: str) -> tuple[pygame.Surface, ModuleType]:
+    """A window, and pygame.
+
+    Raises:
+        DependencyNotInstalled: pygame isn't there.
+        RuntimeError: there is no display; the message says no more than why.
+    """
+    pygame = import_pygame()
+    try:
+        pygame.display.init()
+        # Without a screen SDL draws into nothing and says no word; who wants that names the driver.
+        if pygame.display.get_driver() == "offscreen" and "SDL_VIDEODRIVER" not in os.environ:
+            raise pygame.error("no screen found")
+        window: pygame.Surface = pygame.display.set_mode(size)
+    except pygame.error as error:
+        pygame.display.quit()
+        raise RuntimeError(str(error)) from None
+    pygame.display.set_caption(caption)
+    pygame.font.init()
+    return window, pygame
+
+
 class Canvas:
     """A picture that is being drawn; positions and widths in pixels.
 
@@ -49,7 +71,7 @@ class Canvas:
     def __init__(self, width: int, height: int) -> None:
         self.pygame = import_pygame()
         self.width, self.height = width, height
-        self.unit = max(min(width, height) / 600.0, 0.6)
+        self.unit = max(min(width, height) / 600.0, 0.75)
         # Red, green and blue in this order in memory: a frame is then a plain copy.
         masks = (0x0000FF, 0x00FF00, 0xFF0000, 0)
         self.surface: pygame.Surface = self.pygame.Surface((width, height), 0, 24, masks)

@@ -8,7 +8,6 @@ the first `Renderer`, since nothing else of the package needs it.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spring_pendulum_env import physics
-from spring_pendulum_env.canvas import SKY, Canvas, Colour, mix
+from spring_pendulum_env.canvas import SKY, Canvas, Colour, mix, open_window
 from spring_pendulum_env.equilibria import energy, vertical_state
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import Scenario, positive_number
@@ -350,18 +349,11 @@ class Renderer:
         self._canvas.text(self.title, edge, bottom, INK)
 
     def _open(self) -> pygame.Surface:
-        display = self._pygame.display
         try:
-            display.init()
-            # Without a screen SDL draws into nothing and says no word; who wants that names the driver.
-            if display.get_driver() == "offscreen" and "SDL_VIDEODRIVER" not in os.environ:
-                raise self._pygame.error("no screen found")
-            window: pygame.Surface = display.set_mode((self._width, self._height))
-        except self._pygame.error as error:
-            display.quit()
+            window, pygame = open_window((self._width, self._height), f"Spring pendulum: {self._scenario.task.name}")
+        except RuntimeError as error:
             raise RuntimeError(f'render_mode = "human" needs a display ({error}); "rgb_array" needs none') from None
-        display.set_caption(f"Spring pendulum: {self._scenario.task.name}")
-        self._clock = self._pygame.time.Clock()
+        self._clock = pygame.time.Clock()
         return window
 
     def _show(self, window: pygame.Surface) -> None:
