@@ -20,7 +20,7 @@ from spring_pendulum_env.canvas import SKY, Canvas, Colour, mix, open_window
 from spring_pendulum_env.equilibria import energy, vertical_state
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import Scenario, positive_number
-from spring_pendulum_env.scene import FIELD_OF_VIEW, Scene, camera_axes, look
+from spring_pendulum_env.scene import FIELD_OF_VIEW, Scene, camera_axes, look, tension_share
 
 if TYPE_CHECKING:
     import pygame
@@ -277,15 +277,13 @@ class Renderer:
 
     def _draw_spring(self, scene: Scene, end: int, k: float, L: float) -> None:
         """A coil that gets thinner with its length and takes its colour from its tension."""
-        p, along = scene.parameters, scene.bodies[end] - scene.bodies[end - 1]
+        along = scene.bodies[end] - scene.bodies[end - 1]
         dx, dy, dz = along.tolist()
         length = physics.length(dx, dy, dz)
         if length == 0.0:
             return
         direction = along / length
-        tension = -float(np.dot(physics.spring_force(dx, dy, dz, k, L), direction))
-        full = 2.0 * physics.static_load(p.m1, p.m2, p.g) or k * L or k
-        colour = tension_colour(tension / full)
+        colour = tension_colour(tension_share(scene.parameters, along, k, L))
         slimness = min(max(L / length, 0.3), 1.4)
         side = np.cross(direction, scene.axes[2])
         side = side / np.linalg.norm(side) if np.linalg.norm(side) > 1e-9 else scene.axes[0]

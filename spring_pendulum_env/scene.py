@@ -8,6 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spring_pendulum_env import physics
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import Scenario
 
@@ -61,6 +62,24 @@ def camera_axes(azimuth: float, elevation: float) -> FloatArray:
     right = np.array([-math.sin(a), math.cos(a), 0.0])
     eye = np.array([math.cos(a) * math.cos(e), math.sin(a) * math.cos(e), math.sin(e)])
     return np.stack([right, np.cross(eye, right), eye])
+
+
+def tension_share(parameters: Parameters, along: ArrayLike, k: float, L: float) -> float:
+    """How hard a spring pulls (or, below zero, pushes), 1 being twice the weight of both masses.
+
+    Args:
+        parameters: the constants in force.
+        along: from the spring's near end to its far end, m; shape (3,).
+        k: its stiffness, N/m.
+        L: its unstretched length, m.
+    """
+    p, (dx, dy, dz) = parameters, np.asarray(along, dtype=np.float64).tolist()
+    fx, fy, fz = physics.spring_force(dx, dy, dz, k, L)
+    length = physics.length(dx, dy, dz)
+    if length == 0.0:
+        return 0.0
+    full: float = 2.0 * physics.static_load(p.m1, p.m2, p.g) or k * L or k
+    return float(-(fx * dx + fy * dy + fz * dz) / length / full)
 
 
 def look(
