@@ -6,7 +6,7 @@ BIN = $(VENV)/bin
 READY = $(VENV)/ready
 BENCH_VENV ?= .venv-bench
 
-.PHONY: help install demo test check accuracy paper bench wheel-test clean
+.PHONY: help install demo test check accuracy paper bench leaderboard wheel-test clean
 
 help:
 	@echo "make demo        train a damping policy, compare it with doing nothing and LQR, draw the results (in runs/)"
@@ -15,6 +15,7 @@ help:
 	@echo "make accuracy    table of both integrators' errors on the reference trajectories"
 	@echo "make paper       the paper's figures, numbers and claims beside ours (in runs/paper)"
 	@echo "make bench       compare speed with other environments and integrators (in runs/benchmark)"
+	@echo "make leaderboard all controllers on the same unseen starts: tables and figures (in runs/leaderboard)"
 	@echo "make wheel-test  build the wheel and try it in an empty environment with the core dependencies alone"
 	@echo "make install     only make the virtual environment, $(VENV)"
 	@echo "make clean       remove what these commands made"
@@ -57,6 +58,9 @@ $(BENCH_VENV)/ready: pyproject.toml
 
 bench: $(BENCH_VENV)/ready
 	$(BENCH_VENV)/bin/python scripts/benchmark.py $(BENCH)
+
+leaderboard: $(READY)
+	$(BIN)/python scripts/leaderboard.py $(LEADERBOARD)
 
 wheel-test: $(READY)
 	$(BIN)/python -m pytest tests/test_wheel.py $(PYTEST)

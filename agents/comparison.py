@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 import torch
 
 from agents.baselines import Nothing
 from agents.config import Config
 from agents.controller import Controller
-from agents.evaluation import Evaluation, evaluate, scenario_of, table, write_evaluation
+from agents.evaluation import Evaluation, evaluate, table, write_evaluation
 from agents.lqr import LQR
 from agents.plots import animate, plot_energy, plot_paths
+from agents.rollout import scenario_for
 
 
 def baselines(config: Config) -> dict[str, Controller]:
     """LQR and doing nothing, for the very environment of a config."""
-    env = gym.make(config.environment_id, **config.environment.arguments())
-    scenario = scenario_of(env)
-    env.close()
+    scenario = scenario_for(config.environment_id, config.environment.arguments())
     lqr = LQR(
         scenario.parameters,
         scenario.equilibrium,

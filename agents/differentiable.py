@@ -57,6 +57,17 @@ class Models:
             constants, drag, heights, energetics, rest, adjoint.schedule(scenario.control_period, steps, drag), steps
         )
 
+    def replaced(self, scenario: Scenario, rows: NDArray[np.intp], parameters: Sequence[Parameters]) -> Models:
+        """A copy in which `rows` have other parameters."""
+        others = Models.of(scenario, parameters)
+        arrays = {}
+        for name in ("constants", "drag", "heights", "energetics", "rest_energy"):
+            arrays[name] = getattr(self, name).copy()
+            arrays[name][rows] = getattr(others, name)
+        steps = max(self.steps, others.steps)
+        schedule = adjoint.schedule(scenario.control_period, steps, arrays["drag"])
+        return Models(**arrays, schedule=schedule, steps=steps)
+
 
 @dataclasses.dataclass(frozen=True)
 class Transition:
@@ -92,8 +103,7 @@ class DifferentiableEnv:
         self.scenario: Scenario = base.scenario
         self.axes = [AXES.index(axis) for axis in self.scenario.actuated_axes]
         self._random = np.random.default_rng(seed)
-        self._parameters = [self.scenario.parameters] * self.rows
-        self.models = Models.of(self.scenario, self._parameters)
+        self.models = Models.of(self.scenario, [self.scenario.parameters] * self.rows)
         self._envs.reset(seed=seed)
         self.longest = min(config.training.episode_steps or base.max_episode_steps, base.max_episode_steps)
         self.limits = self._random.integers(1, self.longest + 1, self.rows)
@@ -168,13 +178,12 @@ class DifferentiableEnv:
         states, infos = self._envs.reset(options={"reset_mask": mask})
         options: dict[str, Any] = {"reset_mask": mask}
         if self.scenario.randomise:
+            rows = np.flatnonzero(mask)
             drawn = {name: infos["parameters"][name] for name in Parameters.names()}
-            for row in np.flatnonzero(mask).tolist():
-                self._parameters[row] = Parameters(**{name: float(values[row]) for name, values in drawn.items()})
-            self.models = Models.of(self.scenario, self._parameters)
-            # Reset again, rows must keep what was drawn for them just now.
-            known = [p.as_dict() for p in self._parameters]
-            options["parameters"] = {name: np.array([row[name] for row in known]) for name in Parameters.names()}
+            new = [Parameters(**{name: float(values[row]) for name, values in drawn.items()}) for row in rows.tolist()]
+            self.models = self.models.replaced(self.scenario, rows, new)
+            # Placed again below, rows must keep what was drawn for them just now; of other rows nothing is read.
+            options["parameters"] = {name: np.where(mask, values, 1.0) for name, values in drawn.items()}
         low, high = self.scales
         if low == high == 1.0:
             return np.asarray(states)

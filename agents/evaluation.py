@@ -1,81 +1,103 @@
-"""Measuring controllers: the same unseen starts for each, a few numbers for each episode, an interval for each number.
+"""The protocol: the same unseen starts for every controller, a few numbers for each episode, saved as they come.
 
-Starts are those of the task's own `reset` with seeds from FIRST_SEED on, which lie beyond all that a training can
-have, so no policy has ever been trained on one.
+A trial is a task and the spread of its starts, which are those of the task's own `reset` with STARTS seeds from
+FIRST_SEED on. These lie beyond all that a training can have, so no policy has ever been trained on one; what classical
+controllers are tuned on begins at TUNING_SEED.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+import hashlib
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-import spring_pendulum_env
 from agents.config import ENVIRONMENT_IDS
 from agents.controller import STATE_SIZE, Controller
-from agents.files import write_csv, write_json, write_text
+from agents.files import read_arrays, write_arrays, write_csv, write_json, write_text
+from agents.measures import Episodes, measures_of
+from agents.rollout import roll_out, scenario_for, scenario_of
 from agents.runs import provenance
-from spring_pendulum_env.scenario import Scenario
+from agents.statistics import estimate
+from agents.tables import score_table
+from spring_pendulum_env import equilibrium
+from spring_pendulum_env.tasks import TASKS
+
+__all__ = [
+    "FIRST_SEED",
+    "STARTS",
+    "TRIALS",
+    "TUNING_SEED",
+    "Evaluation",
+    "Trial",
+    "action_time",
+    "evaluate",
+    "scenario_of",
+    "score",
+    "table",
+    "trial_named",
+    "write_evaluation",
+]
 
 Array = NDArray[np.float64]
 
 FIRST_SEED = 2**40
-SETTLED_SHARE = 0.01  # of the excess energy at the start
-MASS_DISTANCE = 0.1  # m from its place relative to the anchor
-ANCHOR_DISTANCE = 0.5  # m from the origin
-HELD_FOR = 1.0  # s at the end of the episode
-CONFIDENCE = 0.95
-RESAMPLES = 2000
+TUNING_SEED = 2**41
+STARTS = 1000
+ACTION_TIME = "action_time"  # s, saved beside the measures
 
 
 @dataclass(frozen=True)
-class Episodes:
-    """n episodes of one task side by side, at most T control periods long; what lies behind an early end is nan.
-
-    times (T + 1,) s; states (n, T + 1, 18) m and m/s; excess_energy (n, T + 1) J; forces (n, T, 3) N;
-    equilibria (n, 18), each of the parameters in force; lengths (n,), in control periods; ended_early (n,).
-    """
-
-    times: Array
-    states: Array
-    excess_energy: Array
-    forces: Array
-    equilibria: Array
-    lengths: NDArray[np.int64]
-    ended_early: NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Measure:
-    """A number for each episode. `statistic` is what is told of many: "share" or "median"."""
+class Trial:
+    """A task and the spread of its starts; `spread` is the standard deviation of each mass's start, m on each axis."""
 
     name: str
-    unit: str
-    statistic: str
-    title: str
+    environment_id: str
+    equilibrium: str
+    spread: float
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """For gym.make."""
+        task = TASKS[self.environment_id]
+        scale = {} if self.spread == task.start_displacement else {"start_scale": self.spread / task.start_displacement}
+        return ({"equilibrium": self.equilibrium} if task.chooses_equilibrium else {}) | scale
 
 
-@dataclass(frozen=True)
-class Protocol:
-    """How a task is scored: `compute` gives an array (n,) for each of `measures`, by name."""
-
-    measures: tuple[Measure, ...]
-    compute: Callable[[Episodes], dict[str, Array]]
+def damping() -> Trial:
+    """The damping task as it is."""
+    task = TASKS[ENVIRONMENT_IDS["damping"]]
+    return Trial("damping", ENVIRONMENT_IDS["damping"], task.equilibrium, task.start_displacement)
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """A statistic over episodes with its 95 % interval; inf stands for "not reached"."""
+def stabilisation(equilibrium_name: str, spread: float) -> Trial:
+    """The stabilisation task at an equilibrium, with a spread in m (and, as many, in m/s)."""
+    return Trial(f"{equilibrium_name}-{spread:g}", ENVIRONMENT_IDS["stabilisation"], equilibrium_name, spread)
 
-    value: float
-    low: float
-    high: float
+
+TRIALS = {
+    trial.name: trial
+    for trial in (
+        damping(),
+        *(stabilisation("hanging-hanging", spread) for spread in (0.05, 0.1)),
+        *(stabilisation("hanging-inverted", spread) for spread in (0.05, 0.1)),
+        *(stabilisation("inverted-hanging", spread) for spread in (0.05, 0.1, 0.3)),
+        *(stabilisation("inverted-inverted", spread) for spread in (0.05, 0.1)),
+    )
+}
+"""By name: what the leaderboard is made of."""
+
+
+def trial_named(name: str) -> Trial:
+    """A trial of TRIALS; raises ValueError where there is none of that name."""
+    if name not in TRIALS:
+        raise ValueError(f"trial is {name!r}; allowed are {', '.join(TRIALS)}")
+    return TRIALS[name]
 
 
 @dataclass(frozen=True)
@@ -87,231 +109,82 @@ class Evaluation:
     values: Mapping[str, Array]
 
 
-def scenario_of(env: gym.Env[Any, Any]) -> Scenario:
-    """The arguments in force in an environment made by gym.make, its parameters before any randomising."""
-    base: Any = env.unwrapped
-    scenario: Scenario = base.scenario
-    return scenario
-
-
-def roll_out(
-    controller: Controller, environment_id: str, arguments: Mapping[str, Any], seeds: Sequence[int]
-) -> Episodes:
-    """Run one episode for each seed, all in lockstep, so that `predict` gets a stack.
-
-    `arguments` are those of gym.make. Rows that have ended stay in the stack, unread, since a controller may keep a
-    state for each row.
-    """
-    envs = [gym.make(environment_id, disable_env_checker=True, **arguments) for _ in seeds]
-    try:
-        scenario = scenario_of(envs[0])
-        spec = envs[0].spec
-        if spec is None or spec.max_episode_steps is None:
-            raise ValueError(f"environment_id is {environment_id!r}; allowed is a task with a time limit")
-        n, steps = len(envs), spec.max_episode_steps
-        states = np.full((n, steps + 1, STATE_SIZE), np.nan)
-        excess = np.full((n, steps + 1), np.nan)
-        forces = np.full((n, steps, 3), np.nan)
-        equilibria = np.empty((n, STATE_SIZE))
-        lengths = np.full(n, steps)
-        ended_early = np.zeros(n, dtype=bool)
-        for i, (env, seed) in enumerate(zip(envs, seeds, strict=True)):
-            states[i, 0], info = env.reset(seed=seed)
-            excess[i, 0] = info["excess_energy"]
-            equilibria[i] = spring_pendulum_env.equilibrium(info["parameters"], scenario.equilibrium)
-
-        seen = states[:, 0].copy()
-        running = np.ones(n, dtype=bool)
-        memory: Any = None
-        for step in range(steps):
-            actions, memory = controller.predict(seen, memory, np.full(n, step == 0))
-            for i in np.flatnonzero(running).tolist():
-                seen[i], _, terminated, truncated, info = envs[i].step(actions[i])
-                states[i, step + 1] = seen[i]
-                excess[i, step + 1] = info["excess_energy"]
-                forces[i, step] = info["force"]
-                if terminated or truncated:
-                    running[i] = False
-                    lengths[i] = step + 1
-                    ended_early[i] = terminated
-            if not running.any():
-                break
-        times = np.arange(steps + 1, dtype=np.float64) * scenario.control_period
-    finally:
-        for env in envs:
-            env.close()
-    return Episodes(times, states, excess, forces, equilibria, lengths, ended_early)
-
-
-def settling_times(calm: NDArray[np.bool_], times: Array, ended_early: NDArray[np.bool_]) -> Array:
-    """Time (n,) from which on `calm` (n, T + 1) holds until the end; inf where it doesn't, or where it ended early."""
-    calm_from_the_end = np.logical_and.accumulate(calm[:, ::-1], axis=1).sum(axis=1)
-    first = np.minimum(calm.shape[1] - calm_from_the_end, calm.shape[1] - 1)
-    return np.where((calm_from_the_end > 0) & ~ended_early, times[first], np.inf)
-
-
-def damping_values(episodes: Episodes) -> dict[str, Array]:
-    """Settled: not ended early, and excess energy under 1 % of that at the start until the end.
-
-    settling_time: s, inf where unsettled. energy_integral: excess energy over that at the start, integrated, s; where
-    an episode ended early, its last value is counted until the time limit, so that failing early is no way to score.
-    """
-    start = episodes.excess_energy[:, :1]
-    if not (start > 0).all():
-        raise ValueError(f"a start has an excess energy of {start.min()} J; only positive ones can be damped")
-    ratio = episodes.excess_energy / start
-    times = settling_times(ratio < SETTLED_SHARE, episodes.times, episodes.ended_early)
-    held = ratio.copy()
-    for row, length in zip(held, episodes.lengths, strict=True):
-        row[length + 1 :] = row[length]
-    return {
-        "settled": np.isfinite(times).astype(float),
-        "settling_time": times,
-        "energy_integral": np.asarray(np.trapezoid(held, episodes.times, axis=1)),
-        **_common_values(episodes),
-    }
-
-
-def stabilisation_values(episodes: Episodes) -> dict[str, Array]:
-    """Recovered: not ended early, and for the last second both masses within 0.1 m of their places relative to the
-    anchor and the anchor within 0.5 m of the origin. recovery_time: from when on that holds, s, inf where it doesn't.
-    """
-    positions = episodes.states[:, :, :9].reshape(*episodes.states.shape[:2], 3, 3)
-    anchor = positions[:, :, :1]
-    errors = positions - anchor - episodes.equilibria[:, None, :9].reshape(-1, 1, 3, 3)
-    near = np.linalg.norm(errors, axis=3).max(axis=2) < MASS_DISTANCE
-    near &= np.linalg.norm(anchor[:, :, 0], axis=2) < ANCHOR_DISTANCE
-    times = settling_times(near, episodes.times, episodes.ended_early)
-    recovered = times <= episodes.times[-1] - HELD_FOR + 1e-9  # the last second's first sample is a rounded sum
-    return {
-        "recovered": recovered.astype(float),
-        "recovery_time": np.where(recovered, times, np.inf),
-        **_common_values(episodes),
-    }
-
-
-def _common_values(episodes: Episodes) -> dict[str, Array]:
-    """effort: integral of the squared force, N^2 s, until the episode ended; anchor_travel: largest coordinate, m."""
-    period = episodes.times[1] - episodes.times[0]
-    return {
-        "effort": np.nansum(episodes.forces**2, axis=(1, 2)) * period,
-        "anchor_travel": np.nanmax(np.abs(episodes.states[:, :, :3]), axis=(1, 2)),
-    }
-
-
-_COMMON = (
-    Measure("effort", "N2 s", "median", "effort"),
-    Measure("anchor_travel", "m", "median", "anchor travel"),
-)
-PROTOCOLS = {
-    ENVIRONMENT_IDS["damping"]: Protocol(
-        (
-            Measure("settled", "", "share", "settled"),
-            Measure("settling_time", "s", "median", "settling time"),
-            Measure("energy_integral", "s", "median", "energy integral"),
-            *_COMMON,
-        ),
-        damping_values,
-    ),
-    ENVIRONMENT_IDS["stabilisation"]: Protocol(
-        (
-            Measure("recovered", "", "share", "recovered"),
-            Measure("recovery_time", "s", "median", "recovery time"),
-            *_COMMON,
-        ),
-        stabilisation_values,
-    ),
-}
-"""By registered id."""
-
-
-def estimate(values: Array, statistic: str) -> Estimate:
-    """Share with Wilson's interval, or median with a percentile-bootstrap one (2,000 resamples, fixed seed).
-
-    inf counts as larger than all else, so a median over censored times is right as long as half of them are finite.
-    """
-    n = len(values)
-    if statistic == "share":
-        share = float(values.mean())
-        z = 1.959963984540054
-        centre = (share + z * z / (2 * n)) / (1 + z * z / n)
-        half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
-        # At the ends the bound is the share itself, but for rounding.
-        low, high = (0.0 if share == 0 else centre - half), (1.0 if share == 1 else centre + half)
-        return Estimate(share, low, high)
-    rows = np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
-    medians = np.median(values[rows], axis=1)
-    tail = (1 - CONFIDENCE) / 2
-    low, high = np.quantile(medians, [tail, 1 - tail], method="nearest")  # others average, and inf - inf is nan
-    return Estimate(float(np.median(values)), float(low), float(high))
-
-
 def evaluate(
     controllers: Mapping[str, Controller], environment_id: str, arguments: Mapping[str, Any], episodes: int
 ) -> list[Evaluation]:
-    """Score each controller on the same starts. Raises ValueError for a number below 1 or a task without a protocol."""
+    """Play each controller on the same starts and keep the episodes, for pictures.
+
+    Raises ValueError for a number below 1 or a task without measures.
+    """
     if episodes < 1:
         raise ValueError(f"episodes is {episodes}; allowed is a number from 1 on")
-    if environment_id not in PROTOCOLS:
-        raise ValueError(f"environment_id is {environment_id!r}; allowed are {', '.join(PROTOCOLS)}")
+    measures = measures_of(environment_id)
     evaluations = []
     for name, controller in controllers.items():
-        rolled = roll_out(controller, environment_id, arguments, range(FIRST_SEED, FIRST_SEED + episodes))
-        evaluations.append(Evaluation(name, rolled, PROTOCOLS[environment_id].compute(rolled)))
+        rolled = roll_out(controller, environment_id, arguments, seeds_of(episodes))
+        evaluations.append(Evaluation(name, rolled, measures.compute(rolled)))
     return evaluations
+
+
+def seeds_of(episodes: int) -> range:
+    """The seeds of so many starts of the protocol."""
+    return range(FIRST_SEED, FIRST_SEED + episodes)
+
+
+def score(
+    controller: Controller, environment_id: str, arguments: Mapping[str, Any], path: Path, starts: int = STARTS
+) -> dict[str, Array]:
+    """The measures of each episode, arrays (starts,), and the time of an action, an array (1,), s.
+
+    They are kept in the .npz at `path`, and read from there where they were measured before: of a controller that acts
+    alike, in the same environment, on as many starts.
+    """
+    mark = fingerprint(controller, environment_id, arguments, starts)
+    if path.is_file():
+        saved = read_arrays(path)
+        if str(saved.pop("fingerprint", "")) == mark:
+            return saved
+    rolled = roll_out(controller, environment_id, arguments, seeds_of(starts))
+    values = measures_of(environment_id).compute(rolled)
+    values[ACTION_TIME] = np.array([action_time(controller, rolled.states[0, : rolled.lengths[0]])])
+    write_arrays(path, values | {"fingerprint": np.array(mark)})
+    return values
+
+
+def fingerprint(controller: Controller, environment_id: str, arguments: Mapping[str, Any], starts: int) -> str:
+    """A text that changes with the way a controller acts, the environment or the starts."""
+    scenario = scenario_for(environment_id, arguments)
+    rest = equilibrium(scenario.parameters, scenario.equilibrium)
+    probes = rest + 0.1 * np.random.default_rng(0).standard_normal((32, STATE_SIZE))
+    actions = np.round(controller.predict(probes)[0], 6)
+    told = (repr(scenario), FIRST_SEED, starts, actions.tolist())
+    return hashlib.sha256(repr(told).encode()).hexdigest()
+
+
+def action_time(controller: Controller, observations: Array, tries: int = 100) -> float:
+    """How long `predict` takes for one observation, s: the median over tries, as someone would use it on one plant."""
+    times = []
+    memory: Any = None
+    for k in range(tries):
+        observation = observations[k % len(observations)]
+        began = time.perf_counter()
+        _, memory = controller.predict(observation, memory)
+        times.append(time.perf_counter() - began)
+    return float(np.median(times))
 
 
 def table(evaluations: Sequence[Evaluation], environment_id: str) -> str:
     """Markdown: one row for each controller, each entry a share or a median with its 95 % interval."""
-    measures = PROTOCOLS[environment_id].measures
-    titles = ["", *(f"{m.title}{f' ({m.unit})' if m.unit else ''}" for m in measures)]
-    rows = [[e.controller, *(_entry(e.values[m.name], m.statistic) for m in measures)] for e in evaluations]
-    widths = [max(len(row[i]) for row in [titles, *rows]) for i in range(len(titles))]
-    head, *lines = (_row(cells, widths) for cells in [titles, *rows])
-    return "\n".join([head, "|" + "|".join("-" * (width + 2) for width in widths) + "|", *lines])
-
-
-def _row(cells: Sequence[str], widths: Sequence[int]) -> str:
-    return "| " + " | ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)) + " |"
-
-
-def _entry(values: Array, statistic: str) -> str:
-    found = estimate(values, statistic)
-    numbers = (found.value, found.low, found.high)
-    value, low, high = (f"{number:.3f}" if statistic == "share" else _digits(number) for number in numbers)
-    return f"{value} [{low}, {high}]"
-
-
-def _digits(number: float) -> str:
-    """Three significant digits; a time that was not reached is a dash."""
-    if math.isinf(number):
-        return "-"
-    return f"{number:.0f}" if abs(number) >= 100 else f"{number:#.3g}"
+    return score_table({e.controller: e.values for e in evaluations}, measures_of(environment_id).each)
 
 
 def write_evaluation(
     folder: Path, evaluations: Sequence[Evaluation], environment_id: str, context: Mapping[str, Any]
 ) -> None:
     """Write table.md, summary.csv, episodes.csv and, with `context` (config, seed), evaluation.json."""
-    measures = PROTOCOLS[environment_id].measures
+    measures = measures_of(environment_id).each
     write_text(folder / "table.md", table(evaluations, environment_id) + "\n")
-    summary = []
-    for evaluation in evaluations:
-        for measure in measures:
-            found = estimate(evaluation.values[measure.name], measure.statistic)
-            summary.append(
-                {
-                    "controller": evaluation.controller,
-                    "measure": measure.name,
-                    "unit": measure.unit,
-                    "statistic": measure.statistic,
-                    "value": found.value,
-                    "low": found.low,
-                    "high": found.high,
-                    "episodes": len(evaluation.episodes.lengths),
-                }
-            )
-    write_csv(folder / "summary.csv", summary)
+    write_csv(folder / "summary.csv", summary_rows({e.controller: e.values for e in evaluations}, environment_id))
     rows = []
     for evaluation in evaluations:
         for i, length in enumerate(evaluation.episodes.lengths):
@@ -319,5 +192,31 @@ def write_evaluation(
             rows.append(row | {m.name: float(evaluation.values[m.name][i]) for m in measures})
     write_csv(folder / "episodes.csv", rows)
     record = {"environment": environment_id, "first_seed": FIRST_SEED, "episodes": len(rows) // len(evaluations)}
-    intervals = "95 %: Wilson's for shares, percentile bootstrap for medians; inf: not reached within the episode"
+    intervals = "95 %: Wilson's for shares, percentile bootstrap for the rest; inf: not reached within the episode"
     write_json(folder / "evaluation.json", record | {"intervals": intervals} | dict(context) | provenance())
+
+
+def summary_rows(values: Mapping[str, Mapping[str, Array]], environment_id: str) -> list[dict[str, Any]]:
+    """All statistics of each controller's measures (those that it has), a mapping of columns for each."""
+    rows = []
+    for name, of_measure in values.items():
+        for measure in measures_of(environment_id).each:
+            if measure.name not in of_measure:
+                continue
+            array = np.atleast_2d(of_measure[measure.name])
+            for statistic in ("mean",) if measure.kind == "share" else ("median", "interquartile mean"):
+                found = estimate(array, measure.kind, statistic)
+                rows.append(
+                    {
+                        "controller": name,
+                        "measure": measure.name,
+                        "unit": measure.unit,
+                        "statistic": statistic,
+                        "value": found.value,
+                        "low": found.low,
+                        "high": found.high,
+                        "trainings": array.shape[0],
+                        "episodes": array.shape[1],
+                    }
+                )
+    return rows

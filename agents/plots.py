@@ -19,8 +19,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from agents.evaluation import SETTLED_SHARE, Evaluation
+from agents.evaluation import Evaluation
 from agents.files import write_atomically
+from agents.measures import SETTLED_SHARE
 
 Array = NDArray[np.float64]
 

@@ -155,6 +155,11 @@ class NormalModes(NamedTuple):
     shapes: FloatArray
     """Columns: displacements of the bodies' coordinates in each mode, normalised so that shapes^T M shapes = 1."""
 
+    @property
+    def frequencies(self) -> NDArray[np.complex128]:
+        """Angular frequencies, rad/s: real for a mode that swings, imaginary (times 1/s) for one that grows."""
+        return np.sqrt(self.omega_squared.astype(np.complex128))
+
 
 def normal_modes(parameters: Parameters | Mapping[str, float] | None, name: str, pinned: bool = True) -> NormalModes:
     """Normal modes about an equilibrium, drag left out: x'' = -omega^2 x along each shape.

@@ -14,19 +14,8 @@ import pytest
 import agents
 import spring_pendulum_env
 from agents import runs
-from agents.baselines import Nothing
 from agents.config import Config, check_config, default_path, read_config
-from agents.evaluation import (
-    FIRST_SEED,
-    Episodes,
-    damping_values,
-    estimate,
-    evaluate,
-    roll_out,
-    settling_times,
-    stabilisation_values,
-    table,
-)
+from agents.evaluation import FIRST_SEED
 from agents.files import read_csv, write_atomically, write_text
 from agents.relative import relative
 from spring_pendulum_env import Parameters
@@ -51,7 +40,7 @@ def tiny_config(*changes: str, task: str = "damping") -> Config:
 # Configs
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*-*.yaml")), ids=lambda path: path.stem)
 def test_every_config_is_valid_and_survives_a_round_trip(path: Path, tmp_path: Path) -> None:
     config = read_config(path)
     equilibrium = config.environment.equilibrium
@@ -304,9 +293,10 @@ def test_what_is_not_a_run_is_refused(finished, tmp_path: Path) -> None:  # type
         agents.load(tmp_path)
 
 
-@pytest.mark.parametrize("name", [name for name in runs.SHIPPED_NAMES if not (runs.SHIPPED / name).is_dir()])
-def test_a_policy_that_is_not_shipped_is_named(name: str) -> None:
-    with pytest.raises(ValueError, match=rf"'{name}', which is not there; allowed"):
+@pytest.mark.parametrize("name", runs.SHIPPED_NAMES)
+def test_a_policy_that_is_not_there_is_named(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(runs, "SHIPPED", tmp_path)
+    with pytest.raises(ValueError, match=rf"'{name}', which is not there; allowed .*\(none so far\)"):
         agents.load(name)
 
 
@@ -360,100 +350,7 @@ def test_writing_fails_without_a_trace(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-# Measures
-
-
-def hand_made(ratios: list[list[float]], ended_early: list[bool]) -> Episodes:
-    """Episodes of 4 control periods of 0.5 s, 10 J at the start, that stay at rest; a short list ended early."""
-    n, steps = len(ratios), 4
-    rest = spring_pendulum_env.equilibrium(Parameters(), "hanging-hanging")
-    excess = np.full((n, steps + 1), np.nan)
-    states = np.full((n, steps + 1, 18), np.nan)
-    forces = np.full((n, steps, 3), np.nan)
-    for i, row in enumerate(ratios):
-        excess[i, : len(row)] = 10 * np.array(row)
-        states[i, : len(row)] = rest
-        forces[i, : len(row) - 1] = [1.0, 2.0, 2.0]
-    lengths = np.array([len(row) - 1 for row in ratios])
-    times = 0.5 * np.arange(steps + 1)
-    return Episodes(times, states, excess, forces, np.tile(rest, (n, 1)), lengths, np.array(ended_early))
-
-
-def test_damping_measures_of_known_episodes() -> None:
-    episodes = hand_made(
-        [
-            [1.0, 0.5, 0.005, 0.005, 0.005],  # settles at 1 s
-            [1.0, 0.005, 0.5, 0.005, 0.005],  # seems to at 0.5 s, does so at 1.5 s
-            [1.0, 0.5, 0.5, 0.5, 0.01],  # 1 % is not under 1 %
-            [1.0, 0.005, 0.005],  # calm, but ended early
-        ],
-        [False, False, False, True],
-    )
-    values = damping_values(episodes)
-    assert values["settled"].tolist() == [1, 1, 0, 0]
-    assert values["settling_time"].tolist() == [1.0, 1.5, np.inf, np.inf]
-    assert values["energy_integral"] == pytest.approx([0.50625, 0.50625, 1.0025, 0.25125 + 0.0025 + 0.005])
-    assert values["effort"] == pytest.approx([18.0, 18.0, 18.0, 9.0])
-    assert values["anchor_travel"].tolist() == [0, 0, 0, 0]
-    with pytest.raises(ValueError, match="excess energy of 0"):
-        damping_values(hand_made([[0.0, 0.0, 0.0, 0.0, 0.0]], [False]))
-
-
-def test_stabilisation_measures_of_known_episodes() -> None:
-    episodes = hand_made([[1.0] * 5] * 6 + [[1.0] * 4], [False] * 6 + [True])
-    states = episodes.states
-    states[1, :3, 6] += 0.11  # mass 2 out of place until 1 s: back for the last half second only
-    states[2, :2, 4] += 0.11  # mass 1 out of place until 0.5 s: back for the last second
-    states[3, 4, 3:5] += 0.08  # 0.08 m on each of two axes is more than 0.1 m
-    states[4, :, [0, 3, 6]] -= 0.6  # all in place, but the anchor 0.6 m away
-    states[5, :, [1, 4, 7]] += 0.4  # 0.4 m away is near enough
-    values = stabilisation_values(episodes)
-    assert values["recovered"].tolist() == [1, 0, 1, 0, 0, 1, 0]
-    assert values["recovery_time"].tolist() == [0.0, np.inf, 1.0, np.inf, np.inf, 0.0, np.inf]
-    assert values["anchor_travel"] == pytest.approx([0, 0, 0, 0, 0.6, 0.4, 0])
-
-
-def test_settling_times() -> None:
-    calm = np.array([[1, 1, 1], [0, 0, 1], [1, 1, 0], [0, 1, 1], [0, 1, 1]], dtype=bool)
-    ended_early = np.array([0, 0, 0, 0, 1], dtype=bool)
-    assert settling_times(calm, np.array([0.0, 0.1, 0.2]), ended_early).tolist() == [0.0, 0.2, np.inf, 0.1, np.inf]
-
-
-def test_intervals_cover_what_they_should() -> None:
-    share = estimate(np.array([1.0] * 8 + [0.0] * 2), "share")
-    assert (share.value, share.low, share.high) == pytest.approx((0.8, 0.4901625, 0.9433178))  # Wilson, 8 of 10
-    sure = estimate(np.ones(100), "share")
-    assert sure.low == pytest.approx(0.9630065)
-    assert sure.high == pytest.approx(1.0)
-    random = np.random.default_rng(5)
-    estimates = [estimate(random.exponential(size=80), "median") for _ in range(200)]
-    covered = np.mean([found.low <= np.log(2) <= found.high for found in estimates])
-    assert 0.9 < covered < 0.99
-    censored = estimate(np.array([1.0] * 60 + [np.inf] * 40), "median")
-    assert censored.value == censored.low == 1.0
-
-
-def test_every_controller_gets_the_same_unseen_starts() -> None:
-    one, two = (roll_out(Nothing(), DAMPING, {}, range(FIRST_SEED, FIRST_SEED + 3)) for _ in range(2))
-    assert np.array_equal(one.states, two.states, equal_nan=True)
-    assert len(np.unique(one.states[:, 0, 3])) == 3
-    assert not np.nan_to_num(one.forces).any()
-
-
-def test_an_early_end_is_recorded() -> None:
-    class FullForce(Nothing):
-        def actions(self, observations: np.ndarray, deterministic: bool) -> np.ndarray:
-            return super().actions(observations, deterministic) + np.array([1.0, 0.0, 0.0])
-
-    (evaluation,) = evaluate({"full force": FullForce()}, DAMPING, {}, 3)
-    episodes = evaluation.episodes
-    assert episodes.ended_early.all()
-    assert (episodes.lengths < 100).all()
-    for i, length in enumerate(episodes.lengths):
-        assert np.abs(episodes.states[i, length, :3]).max() > 2.0
-        assert np.isnan(episodes.states[i, length + 1 :]).all()
-        assert evaluation.values["effort"][i] == pytest.approx(400.0 * 0.02 * length)
-    assert not evaluation.values["settled"].any()
+# Comparisons
 
 
 def test_table_and_comparison(finished, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
@@ -473,14 +370,6 @@ def test_table_and_comparison(finished, tmp_path: Path) -> None:  # type: ignore
     assert record["first_seed"] == FIRST_SEED
     assert record["config"]["training"]["seed"] == 0
     assert "versions" in record
-
-
-def test_evaluation_refuses_what_it_cannot_score() -> None:
-    with pytest.raises(ValueError, match="episodes is 0"):
-        evaluate({"nothing": Nothing()}, DAMPING, {}, 0)
-    with pytest.raises(ValueError, match=r"SpringPendulumPassive-v0.*allowed are"):
-        evaluate({"nothing": Nothing()}, "SpringPendulumPassive-v0", {}, 3)
-    assert table([], DAMPING).count("\n") == 1
 
 
 def test_stabilisation_trains_and_compares(tmp_path: Path) -> None:

@@ -142,9 +142,12 @@ def test_modes_diagonalise_the_system(name: str, pinned: bool) -> None:
 def test_frequencies_of_the_defaults() -> None:
     """Lateral 2.2378 and 5.4094 rad/s, twice each; vertical ten over and ten times the golden ratio."""
     phi = (1 + math.sqrt(5)) / 2
-    omega = np.sqrt(normal_modes(None, "hanging-hanging").omega_squared)
+    omega = normal_modes(None, "hanging-hanging").frequencies
     np.testing.assert_allclose(omega, [2.2378, 2.2378, 5.4094, 5.4094, 10 / phi, 10 * phi], rtol=0, atol=5e-5)
     np.testing.assert_allclose(omega[4:], [10 / phi, 10 * phi], rtol=1e-13)
+    fastest = normal_modes(None, "inverted-inverted", pinned=False).frequencies[0]
+    assert fastest.real == 0
+    assert fastest.imag == pytest.approx(7.514, abs=5e-4)
 
 
 @pytest.mark.parametrize("direction", ["lateral", "vertical"])

@@ -11,9 +11,11 @@ import agents
 from agents import runs
 from agents.config import default_path, read_config
 from agents.controller import Controller
-from agents.evaluation import FIRST_SEED, PROTOCOLS, roll_out
+from agents.evaluation import FIRST_SEED
 from agents.files import read_csv
 from agents.lqr import LQR
+from agents.measures import MEASURES
+from agents.rollout import roll_out
 
 STARTS = range(FIRST_SEED, FIRST_SEED + 60)
 
@@ -41,7 +43,7 @@ def test_shipped_policy_rests_at_its_equilibrium(name: str) -> None:
 
 
 def values(controller: Controller, environment_id: str, arguments: dict[str, object]) -> dict[str, np.ndarray]:
-    return PROTOCOLS[environment_id].compute(roll_out(controller, environment_id, arguments, STARTS))
+    return MEASURES[environment_id].compute(roll_out(controller, environment_id, arguments, STARTS))
 
 
 # Shares of 1,000 starts are in each policy's table; here a few starts show that it isn't far from them.

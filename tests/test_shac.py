@@ -292,34 +292,38 @@ def test_restored_learner_is_the_one_that_was_saved() -> None:
     assert results[0] == results[1]
 
 
-def test_it_learns_to_balance_from_nothing() -> None:
-    """Without LQR to begin with, a hundred rounds keep one inverted spring up for longer, on starts not trained on."""
+def test_it_learns_by_the_gradient_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without LQR to begin with and without a value, windows as long as the episodes are enough to calm a swing."""
     from agents.differentiable import DifferentiableEnv
     from agents.residual import make_residual_network
     from agents.shac import SHAC
 
     config = tiny_config(
         "guide=null",
-        "environment.actuated_axes=xz",
-        "training.environments=64",
+        "shac.horizon=50",
+        "training.episode_steps=50",
         "network.layers=[32, 32]",
-        "shac.batch_size=512",
-        equilibrium="hanging-inverted",
+        equilibrium="hanging-hanging",
     )
     torch.manual_seed(0)
     learner = SHAC(config, DifferentiableEnv(config, 0), *make_residual_network(config))
+    monkeypatch.setattr(learner, "_improve_value", lambda _window: 0.0)
+    with torch.no_grad():
+        for parameter in learner.value.parameters():
+            parameter.zero_()
 
     def mean_reward() -> float:
-        env = DifferentiableEnv(config, 99)
+        env = DifferentiableEnv(config, 99)  # other starts
+        env.limits[:] = 50
         with torch.no_grad():
-            paid = [env.step(learner.policy(env.states - learner.reference)).paid for _ in range(100)]
+            paid = [env.step(learner.policy(env.states - learner.reference)).paid for _ in range(50)]
         env.close()
-        return float(np.mean(paid))
+        return float(np.mean(paid[25:]))
 
     before = mean_reward()
-    for _ in range(100):
+    for _ in range(40):
         learner.round(0.0)
-    assert mean_reward() > before + 0.1
+    assert mean_reward() > before + 0.05
 
 
 @pytest.mark.parametrize(

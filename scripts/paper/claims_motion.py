@@ -188,7 +188,7 @@ def figure_5(runs: Runs) -> Claim:
 
 def periodic_or_chaotic(runs: Runs) -> Claim:
     """The vertical motion of the default pendulum is linear, with two frequencies that have no common period."""
-    omega = np.sqrt(normal_modes(None, "hanging-hanging").omega_squared)
+    omega = normal_modes(None, "hanging-hanging").frequencies.real
     shapes = normal_modes(None, "hanging-hanging").shapes
     vertical = [number for number in range(6) if np.abs(shapes[[2, 5], number]).max() > 0.1]
     slow, fast = omega[vertical]

@@ -13,12 +13,26 @@ if TYPE_CHECKING:
         Quantities,
         quantities,
     )
+    from spring_pendulum_env.dynamics.chaos import (
+        ChaosMap,
+        chaos_map,
+        thrown_straight,
+    )
+    from spring_pendulum_env.dynamics.energy_surface import (
+        lowest_state,
+        microcanonical_starts,
+    )
     from spring_pendulum_env.dynamics.lyapunov import (
         LyapunovExponent,
         LyapunovSpectrum,
         lyapunov_exponent,
         lyapunov_exponents,
         lyapunov_spectrum,
+    )
+    from spring_pendulum_env.dynamics.megno import (
+        Indicators,
+        chaos_indicators,
+        mean_megno,
     )
     from spring_pendulum_env.dynamics.orbits import (
         NotPeriodicError,
@@ -36,6 +50,8 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "along": ("Quantities", "quantities"),
+    "chaos": ("ChaosMap", "chaos_map", "thrown_straight"),
+    "energy_surface": ("lowest_state", "microcanonical_starts"),
     "lyapunov": (
         "LyapunovExponent",
         "LyapunovSpectrum",
@@ -43,13 +59,16 @@ _MODULES = {
         "lyapunov_exponents",
         "lyapunov_spectrum",
     ),
+    "megno": ("Indicators", "chaos_indicators", "mean_megno"),
     "orbits": ("NotPeriodicError", "PeriodicOrbit", "monodromy_matrix", "periodic_orbit"),
     "sections": ("COORDINATES", "Crossings", "NotCrossedError", "Section", "poincare_section"),
 }
 
 __all__ = [
     "COORDINATES",
+    "ChaosMap",
     "Crossings",
+    "Indicators",
     "LyapunovExponent",
     "LyapunovSpectrum",
     "NotCrossedError",
@@ -57,13 +76,19 @@ __all__ = [
     "PeriodicOrbit",
     "Quantities",
     "Section",
+    "chaos_indicators",
+    "chaos_map",
+    "lowest_state",
     "lyapunov_exponent",
     "lyapunov_exponents",
     "lyapunov_spectrum",
+    "mean_megno",
+    "microcanonical_starts",
     "monodromy_matrix",
     "periodic_orbit",
     "poincare_section",
     "quantities",
+    "thrown_straight",
 ]
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from spring_pendulum_env import physics
 from spring_pendulum_env.dynamics import tangents
+from spring_pendulum_env.equilibria import energy
 from spring_pendulum_env.integrators import DRIFTS, KICKS, LARGEST_PHASE, LONGEST_STEP
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import positive_number
@@ -95,3 +96,16 @@ class Flow:
                 self._schemes.clear()
             self._schemes[step] = known
         return known
+
+
+def energy_errors(parameters: Parameters, starts: FloatArray, ends: FloatArray) -> FloatArray:
+    """Equation (42) between states of shape (..., 12); of mass 1 alone where nothing holds mass 2.
+
+    Its long fall would hide all else.
+    """
+    both = np.stack([starts, ends])
+    if parameters.k2 == 0:
+        both[..., [3, 4, 5, 9, 10, 11]] = 0.0
+    first, last = np.asarray(energy(parameters, both))
+    errors: FloatArray = physics.energy_error(last - first, first)
+    return errors

@@ -20,11 +20,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spring_pendulum_env import physics
 from spring_pendulum_env.dynamics.checks import checked_state, checked_states, whole_number
-from spring_pendulum_env.dynamics.flow import Flow
+from spring_pendulum_env.dynamics.flow import Flow, energy_errors
 from spring_pendulum_env.dynamics.progress import Progress
-from spring_pendulum_env.equilibria import energy
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import positive_number
 
@@ -109,7 +107,7 @@ def lyapunov_exponent(
         standard_error=float(batch_error(rates, batches)[0]),
         times=times,
         convergence=_running_mean(rates)[:, 0],
-        energy_error=_energy_error(flow.parameters, start, end[0]),
+        energy_error=float(energy_errors(flow.parameters, start, end[0])),
     )
 
 
@@ -146,7 +144,7 @@ def lyapunov_spectrum(
         standard_errors=batch_error(rates, batches),
         times=times,
         convergence=_running_mean(rates),
-        energy_error=_energy_error(flow.parameters, start, end[0]),
+        energy_error=float(energy_errors(flow.parameters, start, end[0])),
     )
 
 
@@ -257,12 +255,3 @@ def _growth(
 def _running_mean(rates: FloatArray) -> FloatArray:
     mean: FloatArray = np.cumsum(rates, axis=0) / np.arange(1, len(rates) + 1)[:, None]
     return mean
-
-
-def _energy_error(parameters: Parameters, start: FloatArray, end: FloatArray) -> float:
-    """Equation (42); of mass 1 alone where nothing holds mass 2, whose long fall would hide all else."""
-    ends = np.stack([start, end])
-    if parameters.k2 == 0:
-        ends[:, [3, 4, 5, 9, 10, 11]] = 0.0
-    first, last = np.asarray(energy(parameters, ends))
-    return float(physics.energy_error(last - first, first))

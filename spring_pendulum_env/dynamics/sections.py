@@ -1,4 +1,8 @@
-"""Poincare sections: where a motion passes through a plane of the state space."""
+"""Poincare sections: where a motion passes through a plane of the state space.
+
+The integrator's steps bracket a passage, and Brent's method closes in on it, each trial a step of the integrator of its
+own: M. Henon's idea (Physica D 5 (1982) 412), with a root finder in place of his change of variables.
+"""
 
 from __future__ import annotations
 

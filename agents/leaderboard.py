@@ -1,0 +1,167 @@
+"""The leaderboard: for each trial a table of all entries on the same starts, and one picture of all shares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents import runs, saved
+from agents.config import ENVIRONMENT_IDS
+from agents.entries import CLASSICAL, Entry, action_times, find, score_entry
+from agents.evaluation import STARTS, TRIALS, Trial, summary_rows
+from agents.measures import Measure, measures_of
+from agents.statistics import paired_difference
+from agents.tables import entry as entry_text
+from agents.tables import estimate_text, markdown, title
+
+Array = NDArray[np.float64]
+
+NMPC_FILE = saved.RESULTS / "nmpc.json"
+OPTIMUM_FILE = saved.RESULTS / "optimum.json"
+RIVAL = "lqr-tuned"
+"""The entry that learned ones are compared with, start by start."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """An entry's scores in a trial: arrays (trainings, starts) by name of the measure; an action's time, s, or None."""
+
+    name: str
+    title: str
+    values: Mapping[str, Array]
+    action_time: float | None
+
+
+def classical_entries(trial: Trial) -> list[Entry]:
+    """Those that are scored anew each time, since they are quick."""
+    braking = ["drag", "damper"] if trial.environment_id == ENVIRONMENT_IDS["damping"] else []
+    return [CLASSICAL[name] for name in ("nothing", *braking, "lqr", "lqr-tuned")]
+
+
+def shipped_entries() -> tuple[list[Entry], list[str]]:
+    """Entries of the shipped policies, and the names of those that are not there yet."""
+    there = [name for name in runs.SHIPPED_NAMES if (runs.SHIPPED / name).is_dir()]
+    return [find(name) for name in there], [name for name in runs.SHIPPED_NAMES if name not in there]
+
+
+def scored_rows(trial: Trial, entries: Sequence[Entry], folder: Path, starts: int = STARTS) -> list[Row]:
+    """Scores of the entries that are for this trial, from `folder` where they were measured before."""
+    rows = []
+    for entry in entries:
+        values = score_entry(entry, trial, folder, starts)
+        if values is not None:
+            rows.append(Row(entry.name, entry.title, values, action_times(values)))
+    return rows
+
+
+def saved_rows(trial: Trial, nmpc_file: Path = NMPC_FILE, optimum_file: Path = OPTIMUM_FILE) -> list[Row]:
+    """NMPC's episodes and the open-loop optimum, as they are saved."""
+    rows = []
+    nmpc = saved.columns(nmpc_file, trial.name)
+    if nmpc is not None:
+        solves, failures, seconds = (float(nmpc[name].sum()) for name in ("solves", "failures", "seconds"))
+        told = f"NMPC ({failures / max(solves, 1.0):.1%} of {solves:,.0f} solves failed)"
+        values = {measure.name: nmpc[measure.name][None] for measure in measures_of(trial.environment_id).each}
+        rows.append(Row("nmpc", told, values, seconds / solves if solves else None))
+    optimum = saved.columns(optimum_file, trial.name)
+    if optimum is not None:
+        share = {measures_of(trial.environment_id).success: optimum["recovered"][None]}
+        rows.append(Row("optimum", "open-loop optimum (at least)", share, None))
+    return rows
+
+
+def trial_table(trial: Trial, entries: Sequence[Entry], folder: Path, starts: int = STARTS) -> str:
+    """The table of a trial for some entries, under its name."""
+    return f"{heading(trial)}\n\n{table(trial, scored_rows(trial, entries, folder, starts))}\n"
+
+
+def heading(trial: Trial) -> str:
+    """A line of Markdown."""
+    if trial.environment_id == ENVIRONMENT_IDS["damping"]:
+        return "### Damping"
+    return f"### Stabilisation, {trial.equilibrium}, spread {trial.spread:g} m"
+
+
+def table(trial: Trial, rows: Sequence[Row], statistic: str = "median") -> str:
+    """Shares and medians (or interquartile means) with 95 % intervals; a dash: not reached, or of no use."""
+    measures = measures_of(trial.environment_id).each
+    lines = [["", "starts", *(title(measure) for measure in measures), "time of an action (ms)"]]
+    for row in rows:
+        trainings, starts = next(iter(row.values.values())).shape
+        count = f"{trainings} x {starts:,}" if trainings > 1 else f"{starts:,}"
+        cells = [_cell(row, measure, statistic) for measure in measures]
+        time = "-" if row.action_time is None else f"{1e3 * row.action_time:.2g}"
+        lines.append([row.title, count, *cells, time])
+    return markdown(lines)
+
+
+def _cell(row: Row, measure: Measure, statistic: str) -> str:
+    values = row.values.get(measure.name)
+    return "-" if values is None else entry_text(values, measure.kind, statistic)
+
+
+def differences(trial: Trial, rows: Sequence[Row]) -> list[str]:
+    """How each learned entry and NMPC differ from tuned LQR on the same starts, in sentences."""
+    by_name = {row.name: row for row in rows}
+    rival = by_name.get(RIVAL)
+    if rival is None:
+        return []
+    sentences = []
+    for row in rows:
+        if row.name == "optimum" or (row.name in CLASSICAL and row.name != "nmpc"):
+            continue
+        told = []
+        for measure in measures_of(trial.environment_id).each[:3]:
+            if measure.name not in row.values or measure.name == "effort":
+                continue
+            starts = min(row.values[measure.name].shape[1], rival.values[measure.name].shape[1])
+            statistic = "mean" if measure.kind == "share" else "median"
+            mine, its = (of.values[measure.name][:, :starts] for of in (row, rival))
+            found = paired_difference(mine, its, statistic)
+            told.append(f"{title(measure)} {estimate_text(found, measure.kind)}")
+        sentences.append(f"{row.title}, less tuned LQR on the same starts: {'; '.join(told)}")
+    return sentences
+
+
+def statistics_rows(trial: Trial, rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """All statistics of all rows as columns, medians and interquartile means both."""
+    values = {row.title: row.values for row in rows}
+    return [{"trial": trial.name} | columns for columns in summary_rows(values, trial.environment_id)]
+
+
+def summary(rows_of: Mapping[Trial, Sequence[Row]]) -> str:
+    """One table of all shares: a line for each trial, a column for each kind of entry."""
+    kinds = ("nothing", "lqr", "lqr-tuned", "nmpc", "policy", "optimum")
+    titles = ("nothing", "LQR", "LQR, tuned", "NMPC", "policy", "optimum, at least")
+    lines = [["", *titles]]
+    for trial, rows in rows_of.items():
+        success = measures_of(trial.environment_id).success
+        found = {row.name if row.name in kinds else "policy": row for row in rows if row.name not in ("drag", "damper")}
+        cells = [entry_text(found[kind].values[success], "share") if kind in found else "-" for kind in kinds]
+        lines.append([trial.name, *cells])
+    return markdown(lines)
+
+
+def collect(
+    folder: Path,
+    *,
+    trials: Sequence[Trial] = tuple(TRIALS.values()),
+    more: Sequence[Entry] = (),
+    starts: int = STARTS,
+    told: Callable[[str], None] = print,
+) -> dict[Trial, list[Row]]:
+    """All rows of all trials; `told` hears of each trial that is done, and of what is left out."""
+    shipped, absent = shipped_entries()
+    if absent:
+        told(f"left out, since not shipped: the policies {', '.join(absent)}")
+    rows_of = {}
+    for trial in trials:
+        found = scored_rows(trial, [*classical_entries(trial), *shipped, *more], folder, starts)
+        rows_of[trial] = [*found, *saved_rows(trial)]
+        told(f"scored: {trial.name}")
+    return rows_of
