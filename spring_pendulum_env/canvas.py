@@ -46,19 +46,20 @@ def open_window(size: tuple[int, int], caption: str) -> tuple[pygame.Surface, Mo
         DependencyNotInstalled: pygame isn't there.
         RuntimeError: there is no display; the message says no more than why.
     """
-    pygame = import_pygame()
+    module = import_pygame()
+    display = module.display
     try:
-        pygame.display.init()
+        display.init()
         # Without a screen SDL draws into nothing and says no word; who wants that names the driver.
-        if pygame.display.get_driver() == "offscreen" and "SDL_VIDEODRIVER" not in os.environ:
-            raise pygame.error("no screen found")
-        window: pygame.Surface = pygame.display.set_mode(size)
-    except pygame.error as error:
-        pygame.display.quit()
+        if display.get_driver() == "offscreen" and "SDL_VIDEODRIVER" not in os.environ:
+            raise module.error("no screen found")
+        window: pygame.Surface = display.set_mode(size)
+    except module.error as error:
+        display.quit()
         raise RuntimeError(str(error)) from None
-    pygame.display.set_caption(caption)
-    pygame.font.init()
-    return window, pygame
+    display.set_caption(caption)
+    module.font.init()
+    return window, module
 
 
 class Canvas:

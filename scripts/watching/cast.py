@@ -84,7 +84,7 @@ def choose(
         arguments["parameters"] = {**arguments.get("parameters", {}), **parameters}
     if start_scale is not None:
         arguments["start_scale"] = start_scale
-    scenario = Scenario.of(TASKS[environment_id], **arguments)  # type: ignore[arg-type]
+    scenario = Scenario.of(TASKS[environment_id], **arguments)
     return Cast(environment_id, arguments, scenario, [(name, _player(name, scenario)) for name in names])
 
 

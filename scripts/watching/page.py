@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.files import write_text
 from spring_pendulum_env import rendering
@@ -115,5 +114,4 @@ def _player(record: Record) -> dict[str, Any]:
 
 def _rounded(numbers: Any, digits: int = 4) -> Any:
     """Numbers as lists, with no more digits than can be seen."""
-    array: NDArray[np.float64] = np.round(np.asarray(numbers, dtype=np.float64), digits) + 0.0
-    return array.tolist()
+    return (np.round(np.asarray(numbers, dtype=np.float64), digits) + 0.0).tolist()

@@ -44,7 +44,7 @@ class Record:
     def kinetic_energy(self) -> FloatArray:
         """J; (n,)."""
         p = self.parameters
-        return np.asarray(physics.kinetic_energy(*self.states[:, 9:].T, p.m0, p.m1, p.m2))
+        return np.asarray(physics.kinetic_energy(*[*self.states[:, 9:].T, p.m0, p.m1, p.m2]))
 
     @property
     def lengths(self) -> FloatArray:
