@@ -37,6 +37,7 @@ def main() -> None:
     add("--video", type=Path, metavar="FILE", help="write a film, .mp4 or .gif, and open no window")
     add("--html", type=Path, metavar="FILE", help="write a page to play with in a browser, and open no window")
     add("--figures", type=Path, metavar="FOLDER", help="write figures, PNG and SVG, and open no window")
+    add("--fps", type=float, help="of a film, at most (default: 50, for a .gif 25)")
     add("--size", type=int, help="of a picture, pixels (default: 600, for a .gif 400)")
     add("--azimuth", type=float, default=-62.0, help="of the eye, degrees (default: %(default)g)")
     add("--elevation", type=float, default=14.0, help="of the eye, degrees (default: %(default)g)")

@@ -122,7 +122,7 @@ class Canvas:
 
     def text(self, text: str, x: float, y: float, colour: Colour, right: bool = False) -> None:
         """Letters with their upper left corner, or with `right` their upper right one, in a place."""
-        drawn = self._rendered(text.replace("-", "\N{MINUS SIGN}"), True, colour)
+        drawn = self._rendered(text, True, colour)
         self.surface.blit(drawn, (round(x) - (drawn.get_width() if right else 0), round(y)))
 
     def stamp(self, picture: pygame.Surface, x: float, y: float, side: float) -> None:

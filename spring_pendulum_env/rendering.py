@@ -322,7 +322,7 @@ class Renderer:
         self._canvas.lines([mix(SKY, GRID, 0.6)] * 2, edges[:2], edges[2:])
         self._canvas.text("excess energy", gap, top + 0.7 * gap, INK)
         self._canvas.text("kinetic", gap + 105.0 * self._canvas.unit, top + 0.7 * gap, KINETIC)
-        span = f"{highest:g} J" if lowest == 0.0 else f"{with_minus(f'{lowest:g}')} to {highest:g} J"
+        span = with_minus(f"{highest:g} J" if lowest == 0.0 else f"{lowest:g} to {highest:g} J")
         self._canvas.text(f"{span}, last {STRIP_SECONDS:g} s", right, top + 0.7 * gap, DIM, right=True)
 
     def _write(self, scene: Scene, time: float, total: float, excess: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -46,7 +47,7 @@ def timing(period: float, speed: float, most: float) -> tuple[int, float]:
         speed: 1 is as fast as it happens.
         most: frames per second, not to be exceeded where the speed allows it.
     """
-    stride = max(1, round(speed / (most * period)))
+    stride = max(1, math.ceil(speed / (most * period) - 1e-9))
     return stride, speed / (stride * period)
 
 

@@ -52,7 +52,7 @@ def watch(options: argparse.Namespace) -> None:
 
 def _check(options: argparse.Namespace) -> None:
     """All that can be wrong before anything is made."""
-    for name in ("seconds", "speed"):
+    for name in ("seconds", "speed", "fps"):
         value = getattr(options, name)
         if value is not None and not 0.0 < value < math.inf:
             raise ValueError(f"--{name} {value:g}: must be a finite number > 0")
@@ -104,7 +104,8 @@ def _live(cast: Cast, episodes: Sequence[Episode], options: argparse.Namespace) 
 def _film(cast: Cast, episodes: Sequence[Episode], options: argparse.Namespace, seconds: float) -> None:
     kind = options.video.suffix.lower()
     renderers = _renderers(cast, options, options.size or (400 if kind == ".gif" else 600))
-    stride, fps = film.timing(cast.scenario.control_period, options.speed, film.FRAMES_PER_SECOND[kind])
+    most = options.fps or film.FRAMES_PER_SECOND[kind]
+    stride, fps = film.timing(cast.scenario.control_period, options.speed, most)
     for episode in episodes:
         episode.reset(options.seed)
     count = int(seconds / (stride * cast.scenario.control_period)) + 1
