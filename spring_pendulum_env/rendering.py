@@ -140,6 +140,25 @@ class Renderer:
             self._window = None
             self.closed = True
 
+    def remember(self, state: ArrayLike, parameters: Parameters, time: float) -> tuple[float, float]:
+        """Notes a state for the trails and the strip without drawing it: for who draws fewer frames than there are
+        states.
+
+        Args:
+            state: as in `draw`.
+            parameters: the constants in force.
+            time: since the start of the episode, s.
+
+        Returns:
+            Energy and excess energy, J.
+        """
+        numbers, p = np.asarray(state, dtype=np.float64), parameters
+        kinetic = physics.kinetic_energy(*[*numbers[9:].tolist(), p.m0, p.m1, p.m2])
+        total = float(energy(p, numbers))
+        excess = total - float(energy(p, vertical_state(*self._scenario.spring_heights(p))))
+        self._remember(np.array([time, kinetic, excess, *numbers[3:9]]))
+        return total, excess
+
     def draw(self, state: ArrayLike, parameters: Parameters, force: ArrayLike, time: float) -> NDArray[np.uint8] | None:
         """Draws a state. It takes the place of states drawn before whose time isn't earlier.
 
@@ -155,11 +174,7 @@ class Renderer:
         if self.closed:
             return None
         state, p = np.array(state, dtype=np.float64), parameters
-        heights = self._scenario.spring_heights(p)
-        kinetic = physics.kinetic_energy(*[*state[9:].tolist(), p.m0, p.m1, p.m2])
-        total = float(energy(p, state))
-        excess = total - float(energy(p, vertical_state(*heights)))
-        self._remember(np.array([time, kinetic, excess, *state[3:9]]))
+        total, excess = self.remember(state, p, time)
         self.scene = scene = look(
             self._scenario,
             p,

@@ -142,6 +142,17 @@ def test_trails_grow_and_are_forgotten() -> None:
     assert np.array_equal(fresh, drawn(shown, states[-1], time=0.78))
 
 
+def test_states_between_two_frames_smooth_the_trails() -> None:
+    states = swing(40)
+    all_drawn, noted = renderer(), renderer()
+    for number, state in enumerate(states[:-1]):
+        drawn(all_drawn, state, time=0.02 * number)
+        noted.remember(state, Parameters(), 0.02 * number)
+    last = drawn(all_drawn, states[-1], time=0.78)
+    assert np.array_equal(last, drawn(noted, states[-1], time=0.78))
+    assert not np.array_equal(last, drawn(renderer(), states[-1], time=0.78))
+
+
 def test_an_earlier_time_starts_the_trails_anew() -> None:
     """A row of a vector environment begins its next episode without a word to the renderer."""
     shown = renderer()

@@ -85,6 +85,10 @@ class Episode:
         if terminated and not self._beyond_end:
             self.ended = f"out of bounds after {self.time:.1f} s"
 
+    def note(self, renderer: Renderer) -> None:
+        """Leave this moment in the renderer's trails, without a picture."""
+        renderer.remember(self.state, self.parameters, self.time)
+
     def draw(self, renderer: Renderer) -> NDArray[np.uint8]:
         """The picture of this moment, by a renderer in mode "rgb_array"."""
         renderer.title = self.title

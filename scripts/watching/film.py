@@ -59,8 +59,9 @@ def frames(
     left = round(1.0 / period)
     for step in range(round(seconds / period) + 1):
         if step:
-            for episode in episodes:
+            for episode, renderer in zip(episodes, renderers, strict=True):
                 episode.step()
+                episode.note(renderer)
         if step % stride == 0:
             yield np.hstack([episode.draw(renderer) for episode, renderer in zip(episodes, renderers, strict=True)])
         left -= all(episode.ended for episode in episodes)

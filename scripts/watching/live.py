@@ -92,8 +92,7 @@ class Stage:
         """One control period of all."""
         for episode, renderer in zip(self.episodes, self.renderers, strict=True):
             episode.step()
-            if self.speed > 2.0:
-                episode.draw(renderer)  # else the trail would have corners
+            episode.note(renderer)
 
     def _start(self) -> None:
         for episode, renderer in zip(self.episodes, self.renderers, strict=True):
