@@ -25,7 +25,7 @@ function lens(width, height) {
   const eye = [Math.cos(a) * Math.cos(e), Math.sin(a) * Math.cos(e), Math.sin(e)];
   const up = cross(eye, right);
   const focal = Math.min(width, height) / 2 / Math.tan(data.fieldOfView / 2);
-  const distance = (1.05 * data.radius) / Math.sin(data.fieldOfView / 2) / camera.zoom;
+  const distance = (0.85 * data.radius) / Math.sin(data.fieldOfView / 2) / camera.zoom;
   const project = (point) => {
     const from = add(point, data.centre, -1), near = dot(from, eye);
     const scale = focal / Math.max(distance - near, 0.05 * distance);
