@@ -245,6 +245,19 @@ def test_the_window_ends_when_its_time_is_up(monkeypatch: pytest.MonkeyPatch) ->
     watch(monkeypatch, "nothing", "--task", "passive", "--seconds", "0.1", "--size", "200")
 
 
+def test_the_window_ends_in_time_where_the_episode_ended_before(stage: Any) -> None:
+    one = stage("nothing", seconds=4.0)
+    while not one.episodes[0].ended:
+        one.step()
+    assert one.episodes[0].time < 3.9
+    one.frame()
+    assert one.open
+    while one._steps < 200:
+        one.step()
+    one.frame()
+    assert not one.open
+
+
 # What is wrong is said in one line.
 
 

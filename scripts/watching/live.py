@@ -68,10 +68,12 @@ class Stage:
 
     def run(self) -> None:
         """Show until the window is closed."""
-        while self.open:
-            self.frame()
-            self._clock.tick(60)
-        self._pygame.display.quit()
+        try:
+            while self.open:
+                self.frame()
+                self._clock.tick(60)
+        finally:
+            self._pygame.display.quit()
 
     def frame(self) -> None:
         """One picture, after what the watcher did and the time that has passed."""
@@ -85,11 +87,12 @@ class Stage:
                 self.step()
             self._owed %= 1.0
         self._show()
-        if self.seconds is not None and max(episode.time for episode in self.episodes) >= self.seconds - 1e-9:
+        if self.seconds is not None and self._steps * self.episodes[0].period >= self.seconds - 1e-9:
             self.open = False
 
     def step(self) -> None:
-        """One control period of all."""
+        """One control period of all that haven't ended."""
+        self._steps += 1
         for episode, renderer in zip(self.episodes, self.renderers, strict=True):
             episode.step()
             episode.note(renderer)
@@ -98,7 +101,7 @@ class Stage:
         for episode, renderer in zip(self.episodes, self.renderers, strict=True):
             episode.reset(self.seed)
             renderer.forget()
-        self._owed = 0.0
+        self._owed, self._steps = 0.0, 0
 
     def _answer(self, event: Any) -> None:
         pygame = self._pygame
