@@ -22,9 +22,9 @@ ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "docs" / "pictures"
 SIZE = 300  # px
 EVERY = 3  # steps of the environment for each picture
-COLOURS = 48
+COLOURS = 40
 SEED = 3
-SECONDS = 5.0
+SECONDS = 4.5
 
 
 def frames(environment_id: str) -> list[Image.Image]:

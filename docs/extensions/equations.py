@@ -31,7 +31,7 @@ class PaperMathDomain(MathDomain):  # type: ignore[misc]
 
 def mathml(latex: str, display: str) -> str:
     """An equation for a page; primes become single characters, as two of them in a row would be set apart."""
-    for primes, sign in (("''", "″"), ("'", "′")):
+    for primes, sign in (("''", "\u2033"), ("'", "\u2032")):
         latex = latex.replace(f"{primes}^2", f"^{{{sign} 2}}").replace(primes, f"^{{{sign}}}")
     done: str = convert(latex, display=display)
     return done
