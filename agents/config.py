@@ -12,7 +12,11 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-ENVIRONMENT_IDS = {"damping": "SpringPendulumDamping-v0", "stabilisation": "SpringPendulumStabilisation-v0"}
+ENVIRONMENT_IDS = {
+    "damping": "SpringPendulumDamping-v0",
+    "stabilisation": "SpringPendulumStabilisation-v0",
+    "swing-up": "SpringPendulumSwingUp-v0",
+}
 FOLDER = Path(__file__).resolve().parent.parent / "configs"
 
 
@@ -153,7 +157,7 @@ class SHACConfig(Section):
 class Config(Section):
     """One training."""
 
-    task: Literal["damping", "stabilisation"]
+    task: Literal["damping", "stabilisation", "swing-up"]
     algorithm: Literal["ppo", "sac", "tqc", "shac"] = "ppo"
     environment: EnvironmentConfig = EnvironmentConfig()
     training: TrainingConfig = TrainingConfig()

@@ -110,8 +110,8 @@ class Renderer:
     """Draws the states of one environment, one after the other.
 
     A picture depends on nothing but what was drawn since the last `forget`, so the same history gives the same bits.
-    In mode "rgb_array" no display is touched. The camera holds the usual motion about the task's equilibrium and moves
-    back when a body leaves that; where no spring 1 ties the masses to the anchor it goes with them. In mode "human"
+    In mode "rgb_array" no display is touched. The camera holds the usual motion about the task's equilibrium (and
+    about where episodes start) and moves back when a body leaves that; where no spring 1 ties the masses to the anchor it goes with them. In mode "human"
     dragging turns it and the wheel zooms; `azimuth`, `elevation` and `zoom` may be set between frames too. After the
     window was closed `closed` is true and `draw` does nothing.
     """
@@ -229,7 +229,8 @@ class Renderer:
         targets = bodies[0] + rest[1:]
         spread = 0.5 * reach * np.vstack([np.eye(3), -np.eye(3)]) * [1.0, 1.0, 0.5]
         if p.k1 > 0.0 or self._scenario.task.actuated:
-            usual, seen = rest, np.vstack([bodies, targets])
+            start = np.outer(np.cumsum([0.0, *self._scenario.start_heights(p)]), [0.0, 0.0, 1.0])
+            usual, seen = np.vstack([rest, start]), np.vstack([bodies, targets])
         else:
             usual, seen = bodies[1:].mean(axis=0, keepdims=True), bodies[1:]
         points = np.vstack([(usual[:, None] + spread).reshape(-1, 3), (seen[:, None] + 0.25 * spread).reshape(-1, 3)])
