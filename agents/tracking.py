@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def slopes_of(step: Any) -> Any:
-    """A CasADi function (state, force) -> derivatives (18, 18), (18, 3) of `step` by both; see `model.step_function`."""
+    """A CasADi function (state, force) -> derivatives (18, 18), (18, 3) by both of a `model.step_function`."""
     library = casadi()
     state, force = library.MX.sym("state", STATE_SIZE), library.MX.sym("force", FORCES)
     end = step(state, force)
