@@ -19,8 +19,9 @@ from agents.baselines import Nothing
 from agents.evaluation import FIRST_SEED
 from agents.measures import Episodes, measures_of
 from agents.model import step_function
+from agents.optimal_control import unsaturated_level
 from agents.rollout import roll_out, scenario_for
-from agents.swing_up import SPARE, PlannedSwingUp
+from agents.swing_up import SPARE, Plan, PlannedSwingUp, Progress
 from agents.swing_up_plots import plot_swing_ups
 from agents.swing_up_results import TRIAL, plan_finder, play
 from agents.tracking import gains_along, slopes_of
@@ -37,6 +38,13 @@ def planner() -> PlannedSwingUp:
 @pytest.fixture(scope="module")
 def played(planner: PlannedSwingUp) -> Episodes:
     return roll_out(planner, ID, {}, SEEDS)
+
+
+@pytest.fixture(scope="module")
+def plan(planner: PlannedSwingUp) -> Plan:
+    found = planner.plan(gym.make(ID).reset(seed=FIRST_SEED)[0])
+    assert found is not None
+    return found
 
 
 def test_plans_swing_up_and_the_reward_ranks_them_over_nothing(played: Episodes) -> None:
@@ -56,48 +64,40 @@ def test_lqr_alone_does_not_swing_up() -> None:
     assert measures_of(ID).compute(episodes)["recovered"].tolist() == [0.0, 0.0]
 
 
-def test_plans_keep_a_share_of_the_limits_and_end_where_lqr_holds(planner: PlannedSwingUp) -> None:
-    start = gym.make(ID).reset(seed=FIRST_SEED)[0]
-    plan = planner.plan(start)
-    assert plan is not None
-    assert np.array_equal(plan.states[0], start)
+def test_plans_keep_a_share_of_the_limits_and_end_where_lqr_holds(planner: PlannedSwingUp, plan: Plan) -> None:
+    assert np.array_equal(plan.states[0], gym.make(ID).reset(seed=FIRST_SEED)[0])
     assert len(plan.states) == len(plan.forces) + 1 == len(plan.gains) + 1 == 121
     assert np.abs(plan.forces).max() <= (1 - SPARE) * 20.0 + 1e-6
     assert np.abs(plan.states[:, :3]).max() <= (1 - SPARE) * 2.0 + 1e-4
-    off = plan.states[-1] - equilibrium({}, "inverted-inverted")
-    lqr = planner.lqr
-    assert np.abs(lqr.K @ off).max() <= lqr.max_force
-    again = roll_out(lqr, "SpringPendulumStabilisation-v0", {"start_scale": 0.0}, [0])  # and what LQR holds, stays
-    assert not again.ended_early.any()
+    off = plan.states[-1] - planner.lqr.equilibrium
+    assert off @ planner.lqr.P @ off <= 1.1 * unsaturated_level(planner.lqr)
 
 
-def test_a_pushed_pendulum_comes_back_to_its_plan(planner: PlannedSwingUp) -> None:
-    """Without feedback the push of a second before the end is fatal."""
+def test_a_pushed_pendulum_comes_back_to_its_plan(planner: PlannedSwingUp, plan: Plan) -> None:
     env = gym.make(ID)
-    state = env.reset(seed=FIRST_SEED)[0]
-    plan = planner.plan(state)
-    assert plan is not None
     errors = {}
     for feedback in (True, False):
-        state, memory = env.reset(seed=FIRST_SEED)[0], None
+        state, memory = env.reset(seed=FIRST_SEED)[0], [Progress(plan, 0)]
         for k in range(len(plan.forces)):
-            if k == 70:
-                state = state + 0.05 * np.eye(18)[12]
+            if k == 40:
+                state = state + 0.1 * np.eye(18)[12]
                 env.reset(options={"state": state})
             action, memory = planner.predict(state, memory)
             state, *_ = env.step(action if feedback else plan.forces[k] / 20.0)
         errors[feedback] = float(np.abs(state - plan.states[-1])[:9].max())
-    assert errors[True] < 0.1 < errors[False]
+    assert errors[True] < 0.25 * errors[False]
 
 
-def test_rows_have_plans_of_their_own_that_a_new_episode_forgets(planner: PlannedSwingUp) -> None:
-    starts = np.array([gym.make(ID).reset(seed=seed)[0] for seed in SEEDS])
+def test_rows_have_their_own_plans_that_a_new_episode_forgets(
+    planner: PlannedSwingUp, played: Episodes, plan: Plan
+) -> None:
+    starts = played.states[:, 0]
     together, memory = planner.predict(starts)
-    alone = np.array([planner.predict(start)[0] for start in starts])
-    assert np.array_equal(together, alone)
+    assert np.allclose(together, played.forces[:, 0] / 20.0, atol=1e-12)
+    assert np.array_equal(together[0], planner.predict(starts[0], [Progress(plan, 0)])[0])
     assert [row.step for row in memory] == [1, 1]
     again, memory = planner.predict(starts[::-1], memory, np.array([True, False]))
-    assert np.array_equal(again[0], alone[1])
+    assert np.array_equal(again[0], together[1])
     assert [row.step for row in memory] == [1, 2]
 
 
