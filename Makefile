@@ -7,7 +7,7 @@ READY = $(VENV)/ready
 BENCH_VENV ?= .venv-bench
 ZOO_VENV ?= .venv-zoo
 
-.PHONY: help install demo test check accuracy paper bench leaderboard zoo wheel-test clean
+.PHONY: help install demo test check accuracy paper bench leaderboard play docs zoo wheel-test clean
 
 help:
 	@echo "make demo        train a damping policy, compare it with doing nothing and LQR, draw the results (in runs/)"
@@ -18,6 +18,8 @@ help:
 	@echo "make bench       compare speed with other environments and integrators (in runs/benchmark)"
 	@echo "make leaderboard all controllers on the same unseen starts: tables and figures (in runs/leaderboard)"
 	@echo "make zoo         short runs of the RL Baselines3 Zoo with configs/zoo, in an environment of its own"
+	@echo "make play        open docs/live.html in the browser: drag the pendulum, compare solvers, switch a policy on"
+	@echo "make docs        build the documentation (in site/)"
 	@echo "make wheel-test  build the wheel and try it in an empty environment with the core dependencies alone"
 	@echo "make install     only make the virtual environment, $(VENV)"
 	@echo "make clean       remove what these commands made"
@@ -61,6 +63,10 @@ $(BENCH_VENV)/ready: pyproject.toml
 bench: $(BENCH_VENV)/ready
 	$(BENCH_VENV)/bin/python scripts/benchmark.py $(BENCH)
 
+play:
+	@echo "docs/live.html, in any browser; it is made by scripts/make_live_page.py"
+	@$(PYTHON) -m webbrowser -t "file://$(CURDIR)/docs/live.html"
+
 leaderboard: $(READY)
 	$(BIN)/python scripts/leaderboard.py $(LEADERBOARD)
 
@@ -75,9 +81,15 @@ $(ZOO_VENV)/ready: pyproject.toml constraints.txt
 zoo: $(ZOO_VENV)/ready
 	$(ZOO_VENV)/bin/python -m pytest tests/test_zoo.py $(PYTEST)
 
+# Sphinx takes a warning for an error, and every link within the site is followed.
+docs: $(READY)
+	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going -E -d build/doctrees docs site
+	$(BIN)/python scripts/check_links.py site
+	@echo "site/index.html"
+
 wheel-test: $(READY)
 	$(BIN)/python -m pytest tests/test_wheel.py $(PYTEST)
 
 clean:
-	rm -rf $(VENV) $(BENCH_VENV) $(ZOO_VENV) build dist .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(BENCH_VENV) $(ZOO_VENV) build dist site .pytest_cache .mypy_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

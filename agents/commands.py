@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from typing import NoReturn
 
 import gymnasium as gym
 
@@ -34,3 +35,12 @@ def add_changes(parser: argparse.ArgumentParser) -> None:
         metavar="SECTION.KEY=VALUE",
         help="change a setting of the config, for example --set ppo.gamma=0.99; may be given many times",
     )
+
+
+class Parser(argparse.ArgumentParser):
+    """Says in one line what is wrong with the command line, as `run` does of all else."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with a status of 2."""
+        print(f"error: {message}", file=sys.stderr)
+        raise SystemExit(2)

@@ -12,7 +12,7 @@ from agents.config import Config
 from agents.controller import Controller
 from agents.evaluation import Evaluation, evaluate, table, write_evaluation
 from agents.lqr import LQR
-from agents.plots import animate, plot_energy, plot_paths
+from agents.plots import animate, plot_comparison, plot_energy, plot_paths
 from agents.rollout import scenario_for
 
 
@@ -40,6 +40,7 @@ def compare(
     controllers = {name: policy, **baselines(config)}
     evaluations = evaluate(controllers, config.environment_id, config.environment.arguments(), episodes)
     write_evaluation(folder, evaluations, config.environment_id, {"config": config.model_dump(mode="json")})
+    plot_comparison(evaluations, config.environment_id, folder / "comparison.png")
     start = typical_start(evaluations[0])
     if config.task == "damping":
         plot_energy(evaluations, folder / "energy.png")

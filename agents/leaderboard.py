@@ -64,10 +64,12 @@ def saved_rows(trial: Trial, nmpc_file: Path = NMPC_FILE, optimum_file: Path = O
     rows = []
     nmpc = saved.columns(nmpc_file, trial.name)
     if nmpc is not None:
-        solves, failures, seconds = (float(nmpc[name].sum()) for name in ("solves", "failures", "seconds"))
+        solves, failures = (float(nmpc[name].sum()) for name in ("solves", "failures"))
+        timed = np.isfinite(nmpc["seconds"]) & (nmpc["solves"] > 0)
+        time = float((nmpc["seconds"][timed] / nmpc["solves"][timed]).mean()) if timed.any() else None
         told = f"NMPC ({failures / max(solves, 1.0):.1%} of {solves:,.0f} solves failed)"
         values = {measure.name: nmpc[measure.name][None] for measure in measures_of(trial.environment_id).each}
-        rows.append(Row("nmpc", told, values, seconds / solves if solves else None))
+        rows.append(Row("nmpc", told, values, time))
     optimum = saved.columns(optimum_file, trial.name)
     if optimum is not None:
         share = {measures_of(trial.environment_id).success: optimum["recovered"][None]}
@@ -120,11 +122,15 @@ def differences(trial: Trial, rows: Sequence[Row]) -> list[str]:
             if measure.name not in row.values or measure.name == "effort":
                 continue
             starts = min(row.values[measure.name].shape[1], rival.values[measure.name].shape[1])
-            statistic = "mean" if measure.kind == "share" else "median"
             mine, its = (of.values[measure.name][:, :starts] for of in (row, rival))
-            found = paired_difference(mine, its, statistic)
-            told.append(f"{title(measure)} {estimate_text(found, measure.kind)}")
-        sentences.append(f"{row.title}, less tuned LQR on the same starts: {'; '.join(told)}")
+            if measure.kind == "share":
+                told.append(f"{title(measure)} {estimate_text(paired_difference(mine, its, 'mean'), 'share')}")
+                continue
+            both = np.flatnonzero(np.isfinite(mine).all(axis=0) & np.isfinite(its).all(axis=0))
+            if both.size:
+                found = estimate_text(paired_difference(mine[:, both], its[:, both]))
+                told.append(f"{title(measure)} {found}" + (" where both did" if both.size < starts else ""))
+        sentences.append(f"{row.title}, less tuned LQR on the same {starts:,} starts: {'; '.join(told)}")
     return sentences
 
 

@@ -125,14 +125,14 @@ class NMPC:
         """The plan to follow from here: the one at hand while its force is to be held, else a new one."""
         if plan is not None and plan.held > 1:
             return Plan(plan.states, plan.forces, plan.held - 1, plan.sound)
-        began = time.perf_counter()
+        began = time.process_time()
         if plan is None or not plan.sound:
             states, forces = self._straight(start)
             found = self._first.solve(start, states, forces)
         else:
             states, forces = _moved_on(plan)
             found = self._next.solve(start, states, forces)
-        self.seconds += time.perf_counter() - began
+        self.seconds += time.process_time() - began
         self.solves += 1
         if found.success:
             return Plan(found.states, found.forces, self.periods)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +20,17 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
+from agents import tables
 from agents.evaluation import Evaluation
 from agents.files import write_atomically
-from agents.measures import SETTLED_SHARE
+from agents.measures import SETTLED_SHARE, measures_of
+from agents.statistics import estimate
+from spring_pendulum_env import plots as figures
 
 Array = NDArray[np.float64]
 
-# Okabe and Ito's palette, told apart with any colour vision; controllers also differ in their line style.
-COLOURS = ("#0072B2", "#D55E00", "#666666", "#009E73", "#CC79A7", "#E69F00")
+# Of the palette of all figures the third is grey: it is for doing nothing.
+COLOURS = (*figures.COLOURS[:2], "#666666", *figures.COLOURS[2:5])
 STYLES = ("-", "--", ":", "-.", "-", "--")
 MASS_COLOURS = ("#D55E00", "#0072B2")
 FLOOR = 1e-5  # of the excess energy at the start; below it is nothing to see
@@ -89,6 +93,17 @@ def plot_paths(evaluations: Sequence[Evaluation], path: Path, start: int = 0) ->
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
     figure.suptitle("One start: open where it begins, filled where it ends", fontsize=11)
     _save(figure, path)
+
+
+def plot_comparison(evaluations: Sequence[Evaluation], environment_id: str, path: Path) -> None:
+    """Shares and medians of all measures with their 95 % intervals, the controllers below each other; and as SVG."""
+    rows = {
+        tables.title(measure).replace("N2", "N$^2$"): {
+            e.controller: astuple(estimate(e.values[measure.name], measure.kind)) for e in evaluations
+        }
+        for measure in measures_of(environment_id).each
+    }
+    figures.save(figures.comparison(rows), path.with_suffix(""))
 
 
 def animate(evaluations: Sequence[Evaluation], path: Path, start: int = 0, seconds: float = 8.0) -> None:

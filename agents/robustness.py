@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from agents import runs
 from agents.config import ENVIRONMENT_IDS
 from agents.disturbances import CALM, Disturbance
 from agents.entries import Entry, file_name
@@ -168,7 +169,8 @@ def collect(
             for entry in entries:
                 found = shares(entry, base, sweep, folder, starts)
                 if found is not None:
-                    results.setdefault(sweep.name, {}).setdefault(label(base), {})[entry.title] = found
+                    title = "shipped policy" if entry.name in runs.SHIPPED_NAMES else entry.title
+                    results.setdefault(sweep.name, {}).setdefault(label(base), {})[title] = found
             told(f"done: {sweep.name}, {label(base)}")
     return results
 

@@ -65,7 +65,7 @@ def plot_region(results: Results, path: Path) -> None:
 
 
 def _looks(results: Results) -> dict[str, int]:
-    """A number for each entry's looks; learned policies of different tasks share theirs."""
+    """A number for each entry's looks."""
     titles = dict.fromkeys(t for of_tasks in results.values() for of_entries in of_tasks.values() for t in of_entries)
     return {title: number % len(COLOURS) for number, title in enumerate(titles)}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Unpack
 
 import gymnasium as gym
@@ -112,6 +113,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
     | `randomise` | `{}` | parameter name: (low, high), drawn anew at each reset |
     | `start_scale` | 1 | multiplies the spread of the start |
     | `render_mode` | None | "human" or "rgb_array" |
+    | `render_options` | `{}` | some of size ([600, 600], pixels), azimuth (-62, degrees), elevation (14, degrees), zoom (1), trail (2, s), title ("") |
     | `max_force` | 20 | N on each axis (actuated) |
     | `anchor_travel` | 2 | m on each axis (actuated) |
     | `actuated_axes` | "xyz" | axes along which the anchor moves; along the others it is held (actuated) |
@@ -130,6 +132,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self,
         task: str,
         render_mode: str | None = None,
+        render_options: Mapping[str, Any] | None = None,
         **arguments: Unpack[Arguments],
     ) -> None:
         self.scenario = Scenario.of(task_named(task), **arguments)
@@ -137,6 +140,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             allowed = ", ".join(map(repr, self.metadata["render_modes"]))
             raise ValueError(f"render_mode = {render_mode!r}: must be None, {allowed}")
         self.render_mode = render_mode
+        self._render_options = checked_render_options(render_options)
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.scenario.control_period))}
         self.observation_space = spaces.Box(-np.inf, np.inf, (self.scenario.state_size,), np.float64)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.scenario.actuated_axes),), np.float32)
@@ -267,7 +271,8 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         if self._renderer is None:
             from spring_pendulum_env.rendering import Renderer
 
-            self._renderer = Renderer(self.render_mode, self.metadata["render_fps"], self.scenario)
+            fps = self.metadata["render_fps"]
+            self._renderer = Renderer(self.render_mode, fps, self.scenario, **self._render_options)
         return self._renderer.draw(self._full_state, self._parameters, self._force, float(self._cell[layout.TIME]))
 
     def close(self) -> None:
@@ -310,6 +315,26 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             for name, place in self._terms:
                 info[name] = told[place]
         return info
+
+
+RENDER_OPTIONS = ("size", "azimuth", "elevation", "zoom", "trail", "title")
+"""The arguments of `Renderer` that `render_options` may hold."""
+
+
+def checked_render_options(value: Any) -> dict[str, Any]:
+    """`render_options` with known names; their values are checked by the renderer, when there is one.
+
+    Raises:
+        ValueError: it is no mapping, or holds an unknown name.
+    """
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise ValueError(f"render_options = {value!r}: must be a mapping of {', '.join(RENDER_OPTIONS)}")
+    for name in value:
+        if name not in RENDER_OPTIONS:
+            raise ValueError(f"render_options: unknown name {name!r}: must be one of {', '.join(RENDER_OPTIONS)}")
+    return dict(value)
 
 
 def failure(status: int) -> str:

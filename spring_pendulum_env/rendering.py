@@ -1,82 +1,41 @@
 """Draws a state: a perspective picture of the pendulum in its space, with a read-out and the history of its energy.
 
 Colours tell apart what they must for colour-blind eyes too: springs go from blue (pushing) over pale grey to red
-(pulling), m1 is amber and m2 teal. Lines are anti-aliased as they are drawn, which costs less than shrinking a larger
-picture. pygame is imported by the first `Renderer`, since nothing else of the package needs it.
+(pulling), m1 is amber and m2 teal. `scene.py` says what is seen, `canvas.py` has the shapes, and pygame is imported by
+the first `Renderer`, since nothing else of the package needs it.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
-import os
 from collections.abc import Callable
-from functools import lru_cache, partial
-from types import ModuleType
+from functools import partial
 from typing import TYPE_CHECKING
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spring_pendulum_env import physics
+from spring_pendulum_env.canvas import SKY, Canvas, Colour, mix, open_window
 from spring_pendulum_env.equilibria import energy, vertical_state
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import Scenario, positive_number
+from spring_pendulum_env.scene import FIELD_OF_VIEW, Scene, camera_axes, look, tension_share
 
 if TYPE_CHECKING:
     import pygame
 
 FloatArray = NDArray[np.float64]
-Colour = tuple[int, int, int]
 
-SKY, GROUND = (13, 17, 26), (33, 41, 56)  # the background at the top and at the bottom
 GRID, SHADOW, INK, DIM = (112, 130, 158), (9, 12, 18), (232, 236, 243), (150, 161, 180)
 PUSH, SLACK, PULL = (64, 150, 255), (222, 226, 233), (255, 76, 58)
 ANCHOR, MASSES = (176, 186, 202), ((245, 184, 61), (45, 200, 165))
 FORCE, KINETIC = (226, 132, 205), (126, 146, 214)
 
-FIELD_OF_VIEW = math.radians(36.0)  # of the picture's smaller side
 STRIP_HEIGHT, STRIP_SECONDS = 0.15, 10.0  # of the picture, and what it shows
 HISTORY_GAP = 0.02  # s; a shorter control period leaves no denser history
 COILS, COIL_POINTS = 10, 12
-FAR = 1e5  # pixels; positions are cut there, so that no coordinate overflows
-
-
-@dataclasses.dataclass(frozen=True)
-class Scene:
-    """What one frame shows, in m and N, and the perspective camera that looks at it."""
-
-    parameters: Parameters
-    bodies: FloatArray  # anchor, m1 and m2, shape (3, 3)
-    sizes: FloatArray  # half the anchor's side and the masses' radii; the volumes of these are as their masses
-    targets: FloatArray  # where the task wants m1 and m2 for this place of the anchor, shape (2, 3)
-    reach: float  # length of the pendulum there: the measure of all that has no size of its own
-    force: FloatArray
-    floor: float  # height of the ground, which is below everything
-    centre: FloatArray  # where the camera looks
-    axes: FloatArray  # unit vectors to the picture's right, to its top and towards the eye, one per row
-    distance: float  # from the eye to the centre
-    focal: float  # pixels per metre at a depth of one metre
-    middle: tuple[float, float]  # pixels, where the centre falls
-
-    def near(self, points: ArrayLike) -> FloatArray:
-        """How much nearer than the centre points are to the eye, m; shape (n,)."""
-        nearness: FloatArray = (np.asarray(points) - self.centre).reshape(-1, 3) @ self.axes[2]
-        return nearness
-
-    def project(self, points: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Where points fall in the picture, pixels, shape (n, 2), and pixels per metre there, shape (n,)."""
-        right, up, near = self.axes @ (np.asarray(points) - self.centre).reshape(-1, 3).T
-        # What is beside or behind the eye falls far outside the picture; it only mustn't divide by zero.
-        scale = self.focal / np.maximum(self.distance - near, 0.05 * self.distance)
-        pixels = np.column_stack([self.middle[0] + right * scale, self.middle[1] - up * scale])
-        return np.clip(pixels, -FAR, FAR), scale
-
-
-def mix(a: Colour, b: Colour, share: float) -> Colour:
-    """The colour between two, `share` of it the second."""
-    return tuple(round(x + (y - x) * share) for x, y in zip(a, b, strict=True))  # type: ignore[return-value]
+STEEPEST = 85.0  # degrees, up or down
 
 
 def tension_colour(tension: float) -> Colour:
@@ -92,18 +51,13 @@ def round_number(value: float) -> float:
 
 def quantity(value: float, unit: str) -> str:
     """A number for the read-out."""
-    return f"{round(value, 2) + 0.0:.2f} {unit}" if abs(value) < 1e6 else f"{value:.3e} {unit}"
+    digits = f"{round(value, 2) + 0.0:.2f}" if abs(value) < 1e6 else f"{value:.3e}"
+    return f"{with_minus(digits)} {unit}"
 
 
-def import_pygame() -> ModuleType:
-    """pygame-ce, or a DependencyNotInstalled that says how to get it."""
-    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # its greeting would mix with a program's own output
-    try:
-        import pygame
-    except ImportError:
-        hint = 'rendering needs pygame-ce: pip install "spring-pendulum-env[render]"'
-        raise gym.error.DependencyNotInstalled(hint) from None
-    return pygame
+def with_minus(number: str) -> str:
+    """A number with the minus sign of print, which is as wide as a plus."""
+    return number.replace("-", "\N{MINUS SIGN}")
 
 
 class Renderer:
@@ -112,8 +66,9 @@ class Renderer:
     A picture depends on nothing but what was drawn since the last `forget`, so the same history gives the same bits.
     In mode "rgb_array" no display is touched. The camera holds the usual motion about the task's equilibrium, and
     about where its episodes start, and moves back when a body leaves that; where no spring 1 ties the masses to the
-    anchor it goes with them. In mode "human" dragging turns it and the wheel zooms; `azimuth`, `elevation` and `zoom`
-    may be set between frames too. After the window was closed `closed` is true and `draw` does nothing.
+    anchor it goes with them. In mode "human" dragging turns it and the wheel zooms; `azimuth`, `elevation`, `zoom` and
+    `title` may be set between frames too. What the last frame shows is in `scene`. After the window was closed
+    `closed` is true and `draw` does nothing.
     """
 
     def __init__(
@@ -127,6 +82,7 @@ class Renderer:
         elevation: float = 14.0,
         zoom: float = 1.0,
         trail: float = 2.0,
+        title: str = "",
     ) -> None:
         """Opens the window in mode "human".
 
@@ -139,6 +95,7 @@ class Renderer:
             elevation: of the eye over the horizontal, degrees, -85 to 85.
             zoom: magnification.
             trail: how long the masses' trails are, s.
+            title: a few words for the lower left corner.
 
         Raises:
             DependencyNotInstalled: pygame isn't there.
@@ -147,34 +104,35 @@ class Renderer:
         """
         if len(size) != 2 or any(int(side) != side or not 200 <= side <= 8192 for side in size):
             raise ValueError(f"size = {size!r}: must be two whole numbers of pixels from 200 to 8192")
-        if not (math.isfinite(azimuth) and abs(elevation) <= 85.0):
+        if not (math.isfinite(azimuth) and abs(elevation) <= STEEPEST):
             raise ValueError(f"azimuth, elevation = {azimuth!r}, {elevation!r}: must be finite, elevation in [-85, 85]")
         self.azimuth, self.elevation, self.zoom = azimuth, elevation, positive_number("zoom", zoom)
+        self.title = title
         self.closed = False
+        self.scene: Scene | None = None
         self.events: list[pygame.event.Event] = []  # of the window, between the last two frames: keys, mouse
         self._trail = positive_number("trail", trail, zero=True)
         self._fps = fps
         self._scenario = scenario
         self._width, self._height = int(size[0]), int(size[1])
-        self._unit = max(
-            min(size) / 600.0, 0.6
-        )  # widths and letters, relative to those at 600 x 600; none too small to read
-        self._pygame = import_pygame()
+        self._canvas = Canvas(self._width, self._height)
+        self._pygame = self._canvas.pygame
         self._window = self._open() if render_mode == "human" else None
-        # Red, green and blue in this order in memory: a frame is then a plain copy.
-        masks = (0x0000FF, 0x00FF00, 0xFF0000, 0)
-        self._surface: pygame.Surface = self._pygame.Surface((self._width, self._height), 0, 24, masks)
-        for y, colour in enumerate(self._over(SKY, np.arange(self._height), np.zeros(self._height))):
-            self._surface.fill(colour, (0, y, self._width, 1))
-        self._sky = self._surface.copy()
-        self._balls = [self._ball(colour) for colour in MASSES]
-        self._pygame.font.init()
-        self._rendered = lru_cache(64)(self._pygame.font.Font(None, round(20 * self._unit)).render)
+        self._balls = [self._canvas.ball(colour) for colour in MASSES]
         self.forget()
 
     def forget(self) -> None:
         """Starts anew: no trails, no history of the energy."""
         self._history = np.empty((0, 9))  # time, kinetic and excess energy, positions of the masses
+
+    def turn(self, right: float, down: float) -> None:
+        """Turns the camera as dragging by so many pixels does."""
+        self.azimuth -= 0.4 * right
+        self.elevation = min(max(self.elevation + 0.4 * down, -STEEPEST), STEEPEST)
+
+    def magnify(self, clicks: float) -> None:
+        """Zooms as so many clicks of the wheel do."""
+        self.zoom = min(max(self.zoom * 1.1**clicks, 0.1), 10.0)
 
     def close(self) -> None:
         """Closes the window, if there is one."""
@@ -182,6 +140,25 @@ class Renderer:
             self._pygame.display.quit()
             self._window = None
             self.closed = True
+
+    def remember(self, state: ArrayLike, parameters: Parameters, time: float) -> tuple[float, float]:
+        """Notes a state for the trails and the strip without drawing it: for who draws fewer frames than there are
+        states.
+
+        Args:
+            state: as in `draw`.
+            parameters: the constants in force.
+            time: since the start of the episode, s.
+
+        Returns:
+            Energy and excess energy, J.
+        """
+        numbers, p = np.asarray(state, dtype=np.float64), parameters
+        kinetic = physics.kinetic_energy(*[*numbers[9:].tolist(), p.m0, p.m1, p.m2])
+        total = float(energy(p, numbers))
+        excess = total - float(energy(p, vertical_state(*self._scenario.spring_heights(p))))
+        self._remember(np.array([time, kinetic, excess, *numbers[3:9]]))
+        return total, excess
 
     def draw(self, state: ArrayLike, parameters: Parameters, force: ArrayLike, time: float) -> NDArray[np.uint8] | None:
         """Draws a state. It takes the place of states drawn before whose time isn't earlier.
@@ -198,12 +175,16 @@ class Renderer:
         if self.closed:
             return None
         state, p = np.array(state, dtype=np.float64), parameters
-        heights = self._scenario.spring_heights(p)
-        kinetic = physics.kinetic_energy(*[*state[9:].tolist(), p.m0, p.m1, p.m2])
-        total = float(energy(p, state))
-        excess = total - float(energy(p, vertical_state(*heights)))
-        self._remember(np.array([time, kinetic, excess, *state[3:9]]))
-        scene = self._look(state[:9].reshape(3, 3), p, heights, np.array(force, dtype=np.float64))
+        total, excess = self.remember(state, p, time)
+        self.scene = scene = look(
+            self._scenario,
+            p,
+            state[:9].reshape(3, 3),
+            np.array(force, dtype=np.float64),
+            axes=camera_axes(self.azimuth, self.elevation),
+            zoom=self.zoom,
+            size=(self._width, self._height),
+        )
         self._draw_ground(scene)
         self._draw_trails(scene)
         self._draw_task(scene)
@@ -212,7 +193,7 @@ class Renderer:
         self._draw_strip()
         self._write(scene, time, total, excess)
         if self._window is None:
-            return np.array(self._pygame.surfarray.pixels3d(self._surface).swapaxes(0, 1), order="C")
+            return self._canvas.picture()
         self._show(self._window)
         return None
 
@@ -222,57 +203,10 @@ class Renderer:
         crowded = len(kept) >= 2 and row[0] - kept[-2, 0] < HISTORY_GAP
         self._history = np.vstack([kept[:-1] if crowded else kept, row])
 
-    def _look(self, bodies: FloatArray, p: Parameters, heights: tuple[float, float], force: FloatArray) -> Scene:
-        """Sets the camera so that everything is in the picture."""
-        reach = abs(heights[0]) + abs(heights[1]) or 1.0
-        rest = np.outer([0.0, heights[0], heights[0] + heights[1]], [0.0, 0.0, 1.0])
-        targets = bodies[0] + rest[1:]
-        spread = 0.5 * reach * np.vstack([np.eye(3), -np.eye(3)]) * [1.0, 1.0, 0.5]
-        if p.k1 > 0.0 or self._scenario.task.actuated:
-            start = np.outer(np.cumsum([0.0, *self._scenario.start_heights(p)]), [0.0, 0.0, 1.0])
-            usual, seen = np.vstack([rest, start]), np.vstack([bodies, targets])
-        else:
-            usual, seen = bodies[1:].mean(axis=0, keepdims=True), bodies[1:]
-        points = np.vstack([(usual[:, None] + spread).reshape(-1, 3), (seen[:, None] + 0.25 * spread).reshape(-1, 3)])
-        floor = float(points[:, 2].min())
-        points = np.vstack([points, seen * [1.0, 1.0, 0.0] + [0.0, 0.0, floor]])
-        centre = (points.min(axis=0) + points.max(axis=0)) / 2
-        a, e = math.radians(self.azimuth), math.radians(self.elevation)
-        right = np.array([-math.sin(a), math.cos(a), 0.0])
-        eye = np.array([math.cos(a) * math.cos(e), math.sin(a) * math.cos(e), math.sin(e)])
-        axes = np.stack([right, np.cross(eye, right), eye])
-        middle = 0.5 * self._width, 0.47 * self._height  # above it the read-out, below it the strip
-        focal = min(self._width, self._height) / 2 / math.tan(FIELD_OF_VIEW / 2)
-        x, y, near = axes @ (points - centre).T
-        distance = (near + focal * np.maximum(abs(x) / (0.47 * self._width), abs(y) / (0.345 * self._height))).max()
-        sizes = reach * np.array([0.055, *(0.09 * (m / (p.m1 + p.m2)) ** (1 / 3) for m in (p.m1, p.m2))])
-        view = (centre, axes, float(distance) / self.zoom, focal, middle)
-        return Scene(p, bodies, sizes, targets, reach, force, floor, *view)
-
-    def _over(self, colour: Colour, y: ArrayLike, opacity: ArrayLike) -> list[Colour]:
-        """A colour laid over the background at heights in the picture, with given opacities."""
-        sky = np.clip(np.asarray(y, dtype=np.float64) / self._height, 0.0, 1.0).reshape(-1, 1)
-        ground = np.array(SKY) * (1.0 - sky) + np.array(GROUND) * sky
-        laid = ground + (np.array(colour) - ground) * np.asarray(opacity, dtype=np.float64).reshape(-1, 1)
-        return list(map(tuple, np.rint(laid).astype(int).tolist()))
-
-    def _lines(self, colours: list[Colour], starts: FloatArray, ends: FloatArray, width: float = 1.0) -> None:
-        line, surface, pixels = self._pygame.draw.aaline, self._surface, max(1, round(width * self._unit))
-        for colour, start, end in zip(colours, starts.tolist(), ends.tolist(), strict=False):
-            line(surface, colour, start, end, pixels)
-
-    def _shape(self, colour: Colour, corners: FloatArray) -> None:
-        self._pygame.draw.polygon(self._surface, colour, corners.tolist())
-        self._pygame.draw.aalines(self._surface, colour, True, corners.tolist())
-
-    def _text(self, text: str, x: float, y: float, colour: Colour, right: bool = False) -> None:
-        drawn = self._rendered(text.replace("-", "\N{MINUS SIGN}"), True, colour)
-        self._surface.blit(drawn, (round(x) - (drawn.get_width() if right else 0), round(y)))
-
     def _draw_ground(self, scene: Scene) -> None:
         """A grid that fades into the distance; the shadows on it show how near the bodies are."""
         self._spacing = round_number(scene.distance * math.tan(FIELD_OF_VIEW / 2) / 3.5)
-        self._surface.blit(self._sky, (0, 0))
+        self._canvas.clear()
         ticks = self._spacing * np.arange(-5, 6)
         x, y = self._spacing * np.round(scene.centre[:2] / self._spacing)
         nodes = np.stack(np.meshgrid(x + ticks, y + ticks, [scene.floor], indexing="ij"), axis=-1)[:, :, 0]
@@ -282,15 +216,15 @@ class Renderer:
             opacity = 0.6 * np.minimum(shares[:, :-1], shares[:, 1:])
             seen = opacity > 0.04
             starts, ends = lines[:, :-1][seen], lines[:, 1:][seen]
-            self._lines(self._over(GRID, starts[:, 1], opacity[seen]), starts, ends)
+            self._canvas.lines(self._canvas.over(GRID, starts[:, 1], opacity[seen]), starts, ends)
         feet = scene.bodies * [1.0, 1.0, 0.0] + [0.0, 0.0, scene.floor]
         pixels = scene.project(feet)[0]
         tied = np.array([scene.parameters.k1, scene.parameters.k2]) > 0.0
-        self._lines([SHADOW] * 2, pixels[:-1][tied], pixels[1:][tied], 2.0)
+        self._canvas.lines([SHADOW] * 2, pixels[:-1][tied], pixels[1:][tied], 2.0)
         turn = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
         disc = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(24)])
         for foot, size in zip(feet[1:], scene.sizes[1:], strict=True):
-            self._shape(SHADOW, scene.project(foot + size * disc)[0])
+            self._canvas.shape(SHADOW, scene.project(foot + size * disc)[0])
 
     def _draw_trails(self, scene: Scene) -> None:
         age = self._history[-1, 0] - self._history[:, 0]
@@ -298,7 +232,7 @@ class Renderer:
         opacity = 0.8 * (1.0 - age[1:] / (self._trail or 1.0)) ** 1.5
         for colour, columns in zip(MASSES, (slice(3, 6), slice(6, 9)), strict=True):
             pixels = scene.project(rows[:, columns])[0]
-            self._lines(self._over(colour, pixels[1:, 1], opacity), pixels[:-1], pixels[1:], 2.0)
+            self._canvas.lines(self._canvas.over(colour, pixels[1:, 1], opacity), pixels[:-1], pixels[1:], 2.0)
 
     def _draw_task(self, scene: Scene) -> None:
         """The rails along which the anchor may move, and rings where the masses are wanted."""
@@ -307,17 +241,17 @@ class Renderer:
             ends[:, physics.AXES.index(axis)] = np.array([-1.0, 1.0]) * self._scenario.anchor_travel
             if scene.near(ends).max() < 0.8 * scene.distance:
                 pixels = scene.project(ends)[0]
-                rail = self._over(ANCHOR, pixels[1, 1], 0.3)
-                self._lines(rail, pixels[:1], pixels[1:])
+                rail = self._canvas.over(ANCHOR, pixels[1, 1], 0.3)
+                self._canvas.lines(rail, pixels[:1], pixels[1:])
                 for x, y in pixels.tolist():
-                    self._pygame.draw.aacircle(self._surface, rail[0], (x, y), 3.0 * self._unit)
-                self._text(axis, x + 6.0 * self._unit, y - 6.0 * self._unit, DIM)
+                    self._canvas.circle(rail[0], x, y, 3.0 * self._canvas.unit)
+                self._canvas.text(axis, x + 6.0 * self._canvas.unit, y - 6.0 * self._canvas.unit, DIM)
         if 0.0 in (scene.parameters.k1, scene.parameters.k2):
             return  # no place of rest
         pixels, scale = scene.project(scene.targets)
         for (x, y), size, colour in zip(pixels.tolist(), 1.45 * scale * scene.sizes[1:], MASSES, strict=True):
-            ring, width = self._over(colour, y, 0.55)[0], max(1, round(1.5 * self._unit))
-            self._pygame.draw.aacircle(self._surface, ring, (x, y), max(size, 6.0 * self._unit), width)
+            ring, width = self._canvas.over(colour, y, 0.55)[0], max(1, round(1.5 * self._canvas.unit))
+            self._canvas.circle(ring, x, y, max(size, 6.0 * self._canvas.unit), width)
 
     def _draw_bodies(self, scene: Scene) -> None:
         """Anchor, springs and masses, the farthest first."""
@@ -337,10 +271,10 @@ class Renderer:
         length = float(np.hypot(*(end - start)))
         if length < 3.0:
             return
-        head = (end - start) / length * min(12.0 * self._unit, length)
+        head = (end - start) / length * min(12.0 * self._canvas.unit, length)
         side = 0.45 * np.array([-head[1], head[0]])
-        self._lines([FORCE], start[None], (end - 0.7 * head)[None], 3.0)
-        self._shape(FORCE, np.stack([end, end - head + side, end - head - side]))
+        self._canvas.lines([FORCE], start[None], (end - 0.7 * head)[None], 3.0)
+        self._canvas.shape(FORCE, np.stack([end, end - head + side, end - head - side]))
 
     def _draw_anchor(self, scene: Scene) -> None:
         """A carriage where a force moves it, a plate where it is held."""
@@ -349,37 +283,23 @@ class Renderer:
         for axis, light in enumerate((0.6, 0.45, 0.95)):
             corners = np.insert(square, axis, math.copysign(1.0, scene.axes[2, axis]), axis=1)  # the face that is seen
             pixels = scene.project(scene.bodies[0] + scene.sizes[0] * np.array(form) * corners)[0]
-            self._shape(mix(SKY, ANCHOR, light), pixels)
+            self._canvas.shape(mix(SKY, ANCHOR, light), pixels)
 
     def _draw_mass(self, scene: Scene, mass: int) -> None:
         pixels, scale = scene.project(scene.bodies[mass])
-        side = 2.0 * max(scene.sizes[mass] * float(scale[0]), 4.0 * self._unit)
-        ball = self._pygame.transform.smoothscale(self._balls[mass - 1], (round(side), round(side)))
-        self._surface.blit(ball, tuple(np.rint(pixels[0] - side / 2).tolist()))
-
-    def _ball(self, colour: Colour) -> pygame.Surface:
-        """A picture of a lit ball."""
-        side = 128
-        x, y = (np.indices((side, side)) + 0.5) * 2.0 / side - 1.0
-        z = np.sqrt(np.clip(1.0 - x * x - y * y, 0.0, None))
-        light = np.clip((-x - 1.3 * y + 1.5 * z) / 2.22, 0.0, 1.0)[..., None]
-        shaded = np.array(colour) * (0.3 + 0.7 * light) + (255.0 - np.array(colour)) * 0.75 * light**24
-        ball: pygame.Surface = self._pygame.Surface((side, side), self._pygame.SRCALPHA, 32)
-        self._pygame.surfarray.pixels3d(ball)[:] = np.rint(shaded)
-        self._pygame.surfarray.pixels_alpha(ball)[:] = np.clip((1.0 - np.hypot(x, y)) * side / 4, 0.0, 1.0) * 255.0
-        return ball
+        side = 2.0 * max(scene.sizes[mass] * float(scale[0]), 4.0 * self._canvas.unit)
+        x, y = pixels[0].tolist()
+        self._canvas.stamp(self._balls[mass - 1], x, y, side)
 
     def _draw_spring(self, scene: Scene, end: int, k: float, L: float) -> None:
         """A coil that gets thinner with its length and takes its colour from its tension."""
-        p, along = scene.parameters, scene.bodies[end] - scene.bodies[end - 1]
+        along = scene.bodies[end] - scene.bodies[end - 1]
         dx, dy, dz = along.tolist()
         length = physics.length(dx, dy, dz)
         if length == 0.0:
             return
         direction = along / length
-        tension = -float(np.dot(physics.spring_force(dx, dy, dz, k, L), direction))
-        full = 2.0 * physics.static_load(p.m1, p.m2, p.g) or k * L or k
-        colour = tension_colour(tension / full)
+        colour = tension_colour(tension_share(scene.parameters, along, k, L))
         slimness = min(max(L / length, 0.3), 1.4)
         side = np.cross(direction, scene.axes[2])
         side = side / np.linalg.norm(side) if np.linalg.norm(side) > 1e-9 else scene.axes[0]
@@ -390,74 +310,68 @@ class Renderer:
         points = scene.bodies[end - 1] + np.outer(first + share * (length - first - last), direction)
         points += np.outer(radius * np.sin(turn), side) + np.outer(radius * np.cos(turn), np.cross(side, direction))
         pixels, scale = scene.project(points)
-        width = min(0.013 * scene.reach * float(scale.mean()) / self._unit * slimness**0.5, 5.0)
+        width = min(0.013 * scene.reach * float(scale.mean()) / self._canvas.unit * slimness**0.5, 5.0)
         front = np.cos((turn[1:] + turn[:-1]) / 2) > 0.0
         for half, shade in ((~front, mix(SKY, colour, 0.5)), (front, colour)):
-            self._lines([shade] * int(half.sum()), pixels[:-1][half], pixels[1:][half], width)
+            self._canvas.lines([shade] * int(half.sum()), pixels[:-1][half], pixels[1:][half], width)
 
     def _draw_strip(self) -> None:
         """The excess energy of the last seconds, now at the right; filled: the kinetic part of it."""
-        gap, right = 10.0 * self._unit, self._width - 10.0 * self._unit
+        gap, right = 10.0 * self._canvas.unit, self._width - 10.0 * self._canvas.unit
         top, bottom = (1.0 - STRIP_HEIGHT) * self._height, self._height - gap
-        self._surface.fill(SKY, (0, round(top), self._width, self._height))
+        self._canvas.box(SKY, 0, round(top), self._width, self._height)
         times, kinetic, excess = self._history[self._history[:, 0] >= self._history[-1, 0] - STRIP_SECONDS, :3].T
         highest = round_number(max(1e-6, kinetic.max(), excess.max()))
         lowest = -round_number(-excess.min()) if excess.min() < -0.02 * highest else 0.0
-        slope = (bottom - top - 26.0 * self._unit) / (highest - lowest)
+        slope = (bottom - top - 26.0 * self._canvas.unit) / (highest - lowest)
         zero = bottom + slope * lowest
         drawn = np.flatnonzero(np.diff(times // 0.04, append=np.inf))  # the last of each 0.04 s
         x = right - (times[-1] - times[drawn]) * (right - gap) / STRIP_SECONDS
         curve = np.column_stack([x, zero - slope * kinetic[drawn]]).tolist()
-        area = [(x[0], zero), *curve, (right, zero)]
-        self._pygame.draw.polygon(self._surface, mix(SKY, KINETIC, 0.5), area)
-        self._pygame.draw.aalines(self._surface, KINETIC, False, area[1:])
+        area = np.array([(x[0], zero), *curve, (right, zero)])
+        self._canvas.shape(mix(SKY, KINETIC, 0.5), area)
+        self._canvas.curve(KINETIC, area[1:])
         for shift in (0.0, 0.8):  # twice, to be thicker than the other
             curve = np.column_stack([x, zero - slope * excess[drawn] - shift]).tolist()
-            self._pygame.draw.aalines(self._surface, INK, False, [*curve, curve[-1]])
+            self._canvas.curve(INK, [*curve, curve[-1]])
         edges = np.array([[0.0, top], [gap, zero], [self._width, top], [right, zero]])
-        self._lines([mix(SKY, GRID, 0.6)] * 2, edges[:2], edges[2:])
-        self._text("excess energy", gap, top + 0.7 * gap, INK)
-        self._text("kinetic", gap + 105.0 * self._unit, top + 0.7 * gap, KINETIC)
-        span = f"{highest:g} J" if lowest == 0.0 else f"{lowest:g} to {highest:g} J"
-        self._text(f"{span}, last {STRIP_SECONDS:g} s", right, top + 0.7 * gap, DIM, right=True)
+        self._canvas.lines([mix(SKY, GRID, 0.6)] * 2, edges[:2], edges[2:])
+        self._canvas.text("excess energy", gap, top + 0.7 * gap, INK)
+        self._canvas.text("kinetic", gap + 105.0 * self._canvas.unit, top + 0.7 * gap, KINETIC)
+        span = with_minus(f"{highest:g} J" if lowest == 0.0 else f"{lowest:g} to {highest:g} J")
+        self._canvas.text(f"{span}, last {STRIP_SECONDS:g} s", right, top + 0.7 * gap, DIM, right=True)
 
     def _write(self, scene: Scene, time: float, total: float, excess: float) -> None:
         """The read-out on the left, what the colours mean on the right."""
-        unit, p = self._unit, scene.parameters
+        unit, p = self._canvas.unit, scene.parameters
         edge, row, right = 12.0 * unit, 20.0 * unit, self._width - 12.0 * unit
         rows = [("time", quantity(time, "s")), ("energy", quantity(total, "J")), ("excess", quantity(excess, "J"))]
         if self._scenario.task.actuated:
             rows.append(("force", quantity(physics.length(*scene.force.tolist()), "N")))
         for number, (name, value) in enumerate(rows):
-            self._text(name, edge, edge + number * row, DIM)
-            self._text(value, edge + 58.0 * unit, edge + number * row, FORCE if name == "force" else INK)
-        self._text(f"m1  {p.m1:.3g} kg", right, edge, MASSES[0], right=True)
-        self._text(f"m2  {p.m2:.3g} kg", right, edge + row, MASSES[1], right=True)
-        self._text("push", right - 104.0 * unit, edge + 2 * row, PUSH, right=True)
-        self._text("pull", right, edge + 2 * row, PULL, right=True)
+            self._canvas.text(name, edge, edge + number * row, DIM)
+            self._canvas.text(value, edge + 58.0 * unit, edge + number * row, FORCE if name == "force" else INK)
+        self._canvas.text(f"m1  {p.m1:.3g} kg", right, edge, MASSES[0], right=True)
+        self._canvas.text(f"m2  {p.m2:.3g} kg", right, edge + row, MASSES[1], right=True)
+        self._canvas.text("push", right - 104.0 * unit, edge + 2 * row, PUSH, right=True)
+        self._canvas.text("pull", right, edge + 2 * row, PULL, right=True)
         for step in range(16):
-            spot = (right - (98.0 - 4.0 * step) * unit, edge + 2 * row + 4.0 * unit, 4.0 * unit + 1.0, 6.0 * unit)
-            self._surface.fill(tension_colour(step / 7.5 - 1.0), spot)
+            left, top = right - (98.0 - 4.0 * step) * unit, edge + 2 * row + 4.0 * unit
+            self._canvas.box(tension_colour(step / 7.5 - 1.0), left, top, 4.0 * unit + 1.0, 6.0 * unit)
         bottom = self._height * (1.0 - STRIP_HEIGHT) - row
-        self._text(f"grid {self._spacing:g} m", right, bottom, DIM, right=True)
+        self._canvas.text(f"grid {self._spacing:g} m", right, bottom, DIM, right=True)
+        self._canvas.text(self.title, edge, bottom, INK)
 
     def _open(self) -> pygame.Surface:
-        display = self._pygame.display
         try:
-            display.init()
-            # Without a screen SDL draws into nothing and says no word; who wants that names the driver.
-            if display.get_driver() == "offscreen" and "SDL_VIDEODRIVER" not in os.environ:
-                raise self._pygame.error("no screen found")
-            window: pygame.Surface = display.set_mode((self._width, self._height))
-        except self._pygame.error as error:
-            display.quit()
+            window, pygame = open_window((self._width, self._height), f"Spring pendulum: {self._scenario.task.name}")
+        except RuntimeError as error:
             raise RuntimeError(f'render_mode = "human" needs a display ({error}); "rgb_array" needs none') from None
-        display.set_caption(f"Spring pendulum: {self._scenario.task.name}")
-        self._clock = self._pygame.time.Clock()
+        self._clock = pygame.time.Clock()
         return window
 
     def _show(self, window: pygame.Surface) -> None:
-        window.blit(self._surface, (0, 0))
+        window.blit(self._canvas.surface, (0, 0))
         self._pygame.display.flip()
         self._clock.tick(self._fps)
         self.events = self._pygame.event.get()
@@ -465,7 +379,6 @@ class Renderer:
             if event.type == self._pygame.QUIT:
                 self.close()
             elif event.type == self._pygame.MOUSEMOTION and event.buttons[0]:
-                self.azimuth -= 0.4 * event.rel[0]
-                self.elevation = min(max(self.elevation + 0.4 * event.rel[1], -85.0), 85.0)
+                self.turn(*event.rel)
             elif event.type == self._pygame.MOUSEWHEEL:
-                self.zoom = min(max(self.zoom * 1.1**event.y, 0.1), 10.0)
+                self.magnify(event.y)

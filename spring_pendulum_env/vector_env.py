@@ -16,7 +16,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from spring_pendulum_env import kernels, layout
-from spring_pendulum_env.env import failure
+from spring_pendulum_env.env import checked_render_options, failure
 from spring_pendulum_env.equilibria import BODY_STATE
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import Arguments, Scenario
@@ -56,6 +56,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             (`reset(options={"reset_mask": ...})` says which rows to reset). A mode or its name.
         threads: how many threads share the rows; the bits don't depend on it.
         render_rows: rows that `render` draws; None: all.
+        render_options: as those of `SpringPendulumEnv`, the same for all rows.
 
     Raises:
         ValueError: a wrong argument.
@@ -76,6 +77,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         threads: int = 1,
         render_rows: Sequence[int] | None = None,
         render_mode: str | None = None,
+        render_options: Mapping[str, Any] | None = None,
         **arguments: Unpack[Arguments],
     ) -> None:
         # These first, since `close` is called even of an environment whose arguments were refused.
@@ -91,6 +93,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = {render_mode!r}: must be None or 'rgb_array'")
         self.render_mode = render_mode
+        self._render_options = checked_render_options(render_options)
         self.render_rows = range(num_envs) if render_rows is None else list(render_rows)
         for row in self.render_rows:
             if row not in range(num_envs):
@@ -387,7 +390,8 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         if row not in self._renderers:
             from spring_pendulum_env.rendering import Renderer
 
-            self._renderers[row] = Renderer("rgb_array", self.metadata["render_fps"], self.scenario)
+            fps = self.metadata["render_fps"]
+            self._renderers[row] = Renderer("rgb_array", fps, self.scenario, **self._render_options)
         block, column = divmod(row, layout.WIDTH)
         fields = self._rows[block, :, column]
         state = fields[layout.STATE : layout.STATE + 18].copy()

@@ -359,7 +359,15 @@ def test_table_and_comparison(finished, tmp_path: Path) -> None:  # type: ignore
     _, policy = finished
     text = compare(policy, policy.config, tmp_path, episodes=4)
     assert [line.split("|")[1].strip() for line in text.splitlines()[2:]] == ["policy", "LQR", "nothing"]
-    for name in ("table.md", "summary.csv", "episodes.csv", "evaluation.json", "energy.png", "paths.png"):
+    for name in (
+        "table.md",
+        "summary.csv",
+        "episodes.csv",
+        "evaluation.json",
+        "energy.png",
+        "paths.png",
+        "comparison.svg",
+    ):
         assert (tmp_path / name).stat().st_size > 0
     assert len(read_csv(tmp_path / "episodes.csv")) == 12
     rows = {(row["controller"], row["measure"]): row for row in read_csv(tmp_path / "summary.csv")}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -70,3 +71,15 @@ def test_shipped_damping_is_faster_than_lqr() -> None:
     assert policy["settled"].mean() > 0.95
     assert np.median(policy["settling_time"] - lqr["settling_time"]) < 0
     assert np.median(policy["energy_integral"] - lqr["energy_integral"]) < 0
+
+
+@pytest.mark.parametrize("folder", sorted((runs.SHIPPED / "seeds").iterdir()), ids=lambda folder: folder.name)
+def test_further_seeds_differ_from_the_shipped_policy_by_the_seed_alone(folder: Path) -> None:
+    name, _, seed = folder.name.rpartition("-")
+    shipped = runs.read_run_config(runs.SHIPPED / name)
+    config = runs.read_run_config(folder)
+    assert config.training.seed == int(seed) != shipped.training.seed
+    assert config.model_copy(update={"training": shipped.training}) == shipped
+    assert runs.read_record(folder)["finished"]
+    states = agents.load(name).reference + 0.1 * np.random.default_rng(0).standard_normal((10, 18))
+    assert not np.allclose(agents.load(folder).predict(states)[0], agents.load(name).predict(states)[0], atol=1e-3)

@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from spring_pendulum_env import Parameters, equilibrium
-from spring_pendulum_env.rendering import MASSES, Renderer, import_pygame, round_number, tension_colour
+from spring_pendulum_env.canvas import import_pygame
+from spring_pendulum_env.rendering import MASSES, Renderer, round_number, tension_colour
 from spring_pendulum_env.scenario import Scenario
 from spring_pendulum_env.tasks import TASKS
 
@@ -141,6 +142,17 @@ def test_trails_grow_and_are_forgotten() -> None:
     assert np.array_equal(fresh, drawn(shown, states[-1], time=0.78))
 
 
+def test_states_between_two_frames_smooth_the_trails() -> None:
+    states = swing(40)
+    all_drawn, noted = renderer(), renderer()
+    for number, state in enumerate(states[:-1]):
+        drawn(all_drawn, state, time=0.02 * number)
+        noted.remember(state, Parameters(), 0.02 * number)
+    last = drawn(all_drawn, states[-1], time=0.78)
+    assert np.array_equal(last, drawn(noted, states[-1], time=0.78))
+    assert not np.array_equal(last, drawn(renderer(), states[-1], time=0.78))
+
+
 def test_an_earlier_time_starts_the_trails_anew() -> None:
     """A row of a vector environment begins its next episode without a word to the renderer."""
     shown = renderer()
@@ -246,3 +258,31 @@ def test_closing_the_window_ends_drawing(monkeypatch: pytest.MonkeyPatch) -> Non
     assert shown.closed and not pygame.display.get_init()
     assert shown.draw(hanging(), Parameters(), NO_FORCE, 0.06) is None
     shown.close()
+
+
+def test_render_options_reach_every_environment() -> None:
+    options = {"size": [320, 240], "azimuth": 10.0, "elevation": 40.0, "zoom": 1.3, "trail": 0.5, "title": "row"}
+    single = gym.make("SpringPendulumDamping-v0", render_mode="rgb_array", render_options=options)
+    single.reset(seed=4)
+    rows = gym.make_vec(
+        "SpringPendulumDamping-v0", num_envs=3, render_mode="rgb_array", render_rows=[1], render_options=options
+    )
+    rows.reset(seed=3)
+    (frame,) = rows.render() or ()
+    assert frame.shape == (240, 320, 3) and np.array_equal(frame, single.render())
+    plain = gym.make("SpringPendulumDamping-v0", render_mode="rgb_array", render_options={"size": [320, 240]})
+    plain.reset(seed=4)
+    assert not np.array_equal(frame, plain.render())
+
+
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_an_unknown_render_option_is_named(make: Any) -> None:
+    with pytest.raises(ValueError, match="render_options: unknown name 'width'"):
+        make("SpringPendulumPassive-v0", render_options={"width": 3})
+
+
+def test_the_title_is_drawn_as_it_is_written() -> None:
+    titled, plain = renderer(title="a-b"), renderer()
+    assert not np.array_equal(drawn(titled, hanging())[470:520, :200], drawn(plain, hanging())[470:520, :200])
+    titled.title = ""
+    assert np.array_equal(drawn(titled, hanging()), drawn(plain, hanging()))
