@@ -5,8 +5,9 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/ready
 BENCH_VENV ?= .venv-bench
+ZOO_VENV ?= .venv-zoo
 
-.PHONY: help install demo test check accuracy paper bench leaderboard play docs wheel-test clean
+.PHONY: help install demo test check accuracy paper bench leaderboard play docs zoo wheel-test clean
 
 help:
 	@echo "make demo        train a damping policy, compare it with doing nothing and LQR, draw the results (in runs/)"
@@ -16,6 +17,7 @@ help:
 	@echo "make paper       the paper's figures, numbers and claims beside ours (in runs/paper)"
 	@echo "make bench       compare speed with other environments and integrators (in runs/benchmark)"
 	@echo "make leaderboard all controllers on the same unseen starts: tables and figures (in runs/leaderboard)"
+	@echo "make zoo         short runs of the RL Baselines3 Zoo with configs/zoo, in an environment of its own"
 	@echo "make play        open docs/live.html in the browser: drag the pendulum, compare solvers, switch a policy on"
 	@echo "make docs        build the documentation (in site/)"
 	@echo "make wheel-test  build the wheel and try it in an empty environment with the core dependencies alone"
@@ -68,6 +70,17 @@ play:
 leaderboard: $(READY)
 	$(BIN)/python scripts/leaderboard.py $(LEADERBOARD)
 
+# A dependency of the Zoo holds python-dateutil below 3, which ours is beyond.
+$(ZOO_VENV)/ready: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(ZOO_VENV)
+	$(ZOO_VENV)/bin/python -m pip install --quiet --upgrade pip
+	grep -v '^python-dateutil==' constraints.txt > $(ZOO_VENV)/constraints.txt
+	$(ZOO_VENV)/bin/python -m pip install --quiet --constraint $(ZOO_VENV)/constraints.txt --editable '.[zoo]' pytest
+	@touch $@
+
+zoo: $(ZOO_VENV)/ready
+	$(ZOO_VENV)/bin/python -m pytest tests/test_zoo.py $(PYTEST)
+
 # Sphinx takes a warning for an error, and every link within the site is followed.
 docs: $(READY)
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going -E -d build/doctrees docs site
@@ -78,5 +91,5 @@ wheel-test: $(READY)
 	$(BIN)/python -m pytest tests/test_wheel.py $(PYTEST)
 
 clean:
-	rm -rf $(VENV) $(BENCH_VENV) build dist site .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(BENCH_VENV) $(ZOO_VENV) build dist site .pytest_cache .mypy_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -12,7 +12,11 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-ENVIRONMENT_IDS = {"damping": "SpringPendulumDamping-v0", "stabilisation": "SpringPendulumStabilisation-v0"}
+ENVIRONMENT_IDS = {
+    "damping": "SpringPendulumDamping-v0",
+    "stabilisation": "SpringPendulumStabilisation-v0",
+    "swing-up": "SpringPendulumSwingUp-v0",
+}
 FOLDER = Path(__file__).resolve().parent.parent / "configs"
 
 
@@ -73,6 +77,11 @@ class TrainingConfig(Section):
     episode_steps: Count | None = None
     """Episodes are cut off after so many steps, if that is sooner than the environment does it: what is hard lies at
     their beginning, and a value stands for what comes after. For shac alone."""
+    starts_along: str | None = None
+    """An .npz of `states` (n, 18), a path from where the training is called: some starts lie about one of these, drawn
+    evenly, such as states on the way of a plan. For shac alone."""
+    starts_along_share: Share = 0.5
+    """How many of the starts do so."""
 
 
 class ObservationConfig(Section):
@@ -153,7 +162,7 @@ class SHACConfig(Section):
 class Config(Section):
     """One training."""
 
-    task: Literal["damping", "stabilisation"]
+    task: Literal["damping", "stabilisation", "swing-up"]
     algorithm: Literal["ppo", "sac", "tqc", "shac"] = "ppo"
     environment: EnvironmentConfig = EnvironmentConfig()
     training: TrainingConfig = TrainingConfig()
@@ -177,6 +186,8 @@ class Config(Section):
             raise ValueError(f"guide is given, which {self.algorithm} cannot use: only shac can")
         elif self.training.episode_steps is not None:
             raise ValueError(f"training.episode_steps is given, which {self.algorithm} cannot use: only shac can")
+        elif self.training.starts_along is not None:
+            raise ValueError(f"training.starts_along is given, which {self.algorithm} cannot use: only shac can")
         elif (low, high) != (1.0, 1.0):
             raise ValueError(
                 f"training.start_scales is {(low, high)}, which {self.algorithm} cannot use: only shac can"

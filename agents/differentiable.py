@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -20,6 +21,7 @@ from torch import Tensor
 from agents import adjoint
 from agents.config import Config
 from agents.controller import AXES, STATE_SIZE
+from agents.files import read_arrays
 from spring_pendulum_env import physics, tasks
 from spring_pendulum_env.equilibria import energy, vertical_state
 from spring_pendulum_env.layout import steps_in
@@ -32,12 +34,14 @@ Array = NDArray[np.float64]
 @dataclasses.dataclass(frozen=True)
 class Models:
     """The constants in force in each of n rows: inverse masses and so on (n, CONSTANTS), rates of drag (n, 3), heights
-    of the springs at rest (n, 2), what the energy is made of (n, 8), energy at rest (n,), and the adjoint's schedule.
+    of the springs at rest (n, 2) and where episodes start (n, 2), what the energy is made of (n, 8), energy at rest
+    (n,), and the adjoint's schedule.
     """
 
     constants: Array
     drag: Array
     heights: Array
+    start_heights: Array
     energetics: Array  # m0, m1, m2, k1, k2, L1, L2, g
     rest_energy: Array
     schedule: Array
@@ -49,19 +53,19 @@ class Models:
         constants = np.array([p.constants(scenario.actuated_axes) for p in parameters])
         drag = np.array([p.drag_rates() for p in parameters])
         heights = np.array([scenario.spring_heights(p) for p in parameters])
+        start_heights = np.array([scenario.start_heights(p) for p in parameters])
         energetics = np.array([(p.m0, p.m1, p.m2, p.k1, p.k2, p.L1, p.L2, p.g) for p in parameters])
         rest = np.array([energy(p, vertical_state(*pair)) for p, pair in zip(parameters, heights, strict=True)])
         # As many steps as the row needs that needs most: all are then at least as exact as in the environment.
         steps = max(steps_in(scenario.control_period, tuple(row)) for row in np.unique(constants, axis=0))
-        return cls(
-            constants, drag, heights, energetics, rest, adjoint.schedule(scenario.control_period, steps, drag), steps
-        )
+        schedule = adjoint.schedule(scenario.control_period, steps, drag)
+        return cls(constants, drag, heights, start_heights, energetics, rest, schedule, steps)
 
     def replaced(self, scenario: Scenario, rows: NDArray[np.intp], parameters: Sequence[Parameters]) -> Models:
         """A copy in which `rows` have other parameters."""
         others = Models.of(scenario, parameters)
         arrays = {}
-        for name in ("constants", "drag", "heights", "energetics", "rest_energy"):
+        for name in ("constants", "drag", "heights", "start_heights", "energetics", "rest_energy"):
             arrays[name] = getattr(self, name).copy()
             arrays[name][rows] = getattr(others, name)
         steps = max(self.steps, others.steps)
@@ -93,6 +97,8 @@ class DifferentiableEnv:
     def __init__(self, config: Config, seed: int) -> None:
         self.rows = config.training.environments
         self.scales = config.training.start_scales
+        self.along = _states_in(config.training.starts_along) if config.training.starts_along else None
+        self.along_share = config.training.starts_along_share
         self._envs: Any = gym.make_vec(
             config.environment_id,
             num_envs=self.rows,
@@ -185,14 +191,32 @@ class DifferentiableEnv:
             # Placed again below, rows must keep what was drawn for them just now; of other rows nothing is read.
             options["parameters"] = {name: np.where(mask, values, 1.0) for name, values in drawn.items()}
         low, high = self.scales
-        if low == high == 1.0:
+        if low == high == 1.0 and self.along is None:
             return np.asarray(states)
-        rest = np.zeros((self.rows, STATE_SIZE))
-        rest[:, 5], rest[:, 8] = self.models.heights[:, 0], self.models.heights.sum(axis=1)
+        usual = np.zeros((self.rows, STATE_SIZE))
+        usual[:, 5], usual[:, 8] = self.models.start_heights[:, 0], self.models.start_heights.sum(axis=1)
         scale = self._random.uniform(low, high, (self.rows, 1))
-        placed, _ = self._envs.reset(options=options | {"state": rest + scale * (states - rest)})
+        about = usual
+        if self.along is not None:
+            drawn_there = self.along[self._random.integers(len(self.along), size=self.rows)]
+            there = self._random.uniform(size=(self.rows, 1)) < self.along_share
+            about = np.where(there, drawn_there, usual)
+        placed, _ = self._envs.reset(options=options | {"state": about + scale * (states - usual)})
         started: Array = np.where(mask[:, None], placed, states)
         return started
+
+
+def _states_in(path: str) -> Array:
+    """The states (n, 18) in an .npz. Raises ValueError where there are none."""
+    try:
+        states = read_arrays(Path(path))["states"]
+    except (OSError, KeyError) as error:
+        raise ValueError(
+            f"training.starts_along is {path!r}: must be an .npz of states, and is not ({error})"
+        ) from None
+    if states.ndim != 2 or states.shape[1] != STATE_SIZE or not len(states):
+        raise ValueError(f"training.starts_along is {path!r}: its states have shape {states.shape}; must be (n, 18)")
+    return states.astype(np.float64)
 
 
 class _ControlPeriod(torch.autograd.Function):

@@ -146,6 +146,14 @@ MEASURES = {
         ),
         stabilisation_values,
     ),
+    ENVIRONMENT_IDS["swing-up"]: Measures(
+        (
+            Measure("recovered", "", "share", "swung up"),
+            Measure("recovery_time", "s", "amount", "time until up"),
+            *_COMMON,
+        ),
+        stabilisation_values,
+    ),
 }
 """By registered id."""
 

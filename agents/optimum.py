@@ -23,6 +23,7 @@ from agents.measures import Episodes, measures_of
 from agents.model import FORCES, casadi, step_function
 from agents.optimal_control import Problem, Solution, Solver, unsaturated_level
 from agents.rollout import scenario_for
+from agents.tracking import correction, gains_along, slopes_of
 from spring_pendulum_env import physics
 
 Array = NDArray[np.float64]
@@ -67,12 +68,7 @@ class Optimum:
         )
         self._solver = Solver(self.problem, "ipopt", OPTIONS)
         axes = "".join(physics.AXES[axis] for axis in self.lqr.axes)
-        step = step_function(scenario.parameters, DURATION, PARTS, axes)
-        state, force = library.MX.sym("state", STATE_SIZE), library.MX.sym("force", FORCES)
-        end = step(state, force)
-        self._slopes = library.Function(
-            "slopes", [state, force], [library.jacobian(end, state), library.jacobian(end, force)]
-        )
+        self._slopes = slopes_of(step_function(scenario.parameters, DURATION, PARTS, axes))
         self._env = gym.make(trial.environment_id, disable_env_checker=True, control_period=DURATION, **trial.arguments)
 
     def find(self, start: Array) -> Outcome:
@@ -88,7 +84,7 @@ class Optimum:
 
     def recovers(self, start: Array, plan: Solution) -> bool:
         """Whether the plan, followed in the environment by LQR along it, recovers the start as the protocol has it."""
-        gains = self._gains(plan)
+        gains = gains_along(self.lqr, self._slopes, plan.states, plan.forces)
         steps = round(SECONDS / DURATION)
         states = np.full((1, steps + 1, STATE_SIZE), np.nan)
         states[0, 0], _ = self._env.reset(options={"state": start})
@@ -96,8 +92,7 @@ class Optimum:
         for k in range(steps):
             action = self.lqr.predict(states[0, k])[0]
             if k < INTERVALS:
-                force = plan.forces[k, self.lqr.axes] - gains[k] @ (states[0, k] - plan.states[k])
-                action = np.clip(force / self.lqr.max_force, -1.0, 1.0)
+                action = correction(self.lqr, gains[k], states[0, k], plan.states[k], plan.forces[k])
             states[0, k + 1], _, ended, _, _ = self._env.step(action)
             if ended:
                 length = k + 1
@@ -114,17 +109,6 @@ class Optimum:
             ended_early=np.array([ended]),
         )
         return bool(measures_of(self.trial.environment_id).compute(episodes)["recovered"][0])
-
-    def _gains(self, plan: Solution) -> list[Array]:
-        """LQR's gains along a plan: the Riccati recursion of the linear models at each of its states."""
-        cost, gains = self.lqr.P, []
-        for k in reversed(range(INTERVALS)):
-            A, B = (np.array(matrix) for matrix in self._slopes(plan.states[k], plan.forces[k]))
-            B = B[:, self.lqr.axes]
-            gain = np.linalg.solve(self.lqr.R + B.T @ cost @ B, B.T @ cost @ A)
-            cost = self.lqr.Q + A.T @ cost @ (A - B @ gain)
-            gains.append(gain)
-        return gains[::-1]
 
     def _guesses(self, start: Array) -> list[tuple[Array, Array]]:
         """First guesses: what LQR does with as much force as it likes, in the linear model; and straight home."""

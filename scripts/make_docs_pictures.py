@@ -14,8 +14,11 @@ import numpy as np
 from PIL import Image
 
 import agents
+from agents.controller import Controller
 from agents.evaluation import scenario_of
+from agents.swing_up import PlannedSwingUp
 from spring_pendulum_env.rendering import Renderer
+from spring_pendulum_env.scenario import Scenario
 from spring_pendulum_env.tasks import TASKS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -33,8 +36,7 @@ def frames(environment_id: str) -> list[Image.Image]:
     scenario = scenario_of(env)
     base: Any = env.unwrapped
     renderer = Renderer("rgb_array", 1.0 / scenario.control_period, scenario, size=(SIZE, SIZE))
-    task = scenario.task
-    policy = agents.load(scenario.equilibrium if task.chooses_equilibrium else task.name) if task.actuated else None
+    controller, memory = best(scenario), None
     observation, info = env.reset(seed=SEED)
     pictures = []
     for step in range(round(SECONDS / scenario.control_period)):
@@ -42,12 +44,24 @@ def frames(environment_id: str) -> list[Image.Image]:
         picture = renderer.draw(base.state, base.parameters, force, info["time"])
         if step % EVERY == 0 and picture is not None:
             pictures.append(Image.fromarray(picture))
-        action = policy.predict(observation)[0] if policy else None
+        action = None
+        if controller:
+            action, memory = controller.predict(observation, memory)
         observation, _, terminated, truncated, info = env.step(action)
         if terminated or truncated:
             break
     env.close()
     return pictures
+
+
+def best(scenario: Scenario) -> Controller | None:
+    """What does a task best: a shipped policy, or a plan where the task is to get somewhere; nothing if passive."""
+    task = scenario.task
+    if not task.actuated:
+        return None
+    if task.start_equilibrium:
+        return PlannedSwingUp(scenario)
+    return agents.load(scenario.equilibrium if task.chooses_equilibrium else task.name)
 
 
 def write(file: Path, pictures: list[Image.Image], milliseconds: int) -> None:

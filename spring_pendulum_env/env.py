@@ -26,13 +26,14 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
     Two masses hang in three dimensions on two springs in series, with gravity and air resistance: the system of
     J. Pierce, "Double Spring Pendulum". Spring 1 runs from the anchor to mass m1, spring 2 from m1 to mass m2.
 
-    Three ids share this class:
+    Four ids share this class:
 
     | id | the anchor | the task |
     |---|---|---|
     | `SpringPendulumPassive-v0` | is the origin for ever | none: the paper's dynamics, for tests and research |
     | `SpringPendulumDamping-v0` | is a body of mass m0 that a force moves | bring the masses to rest, hanging |
     | `SpringPendulumStabilisation-v0` | the same | hold one of the four vertical equilibria |
+    | `SpringPendulumSwingUp-v0` | the same | swing both springs from hanging to inverted, and hold them there |
 
     A gantry bears the static load of the anchor, so that no force at rest is an equilibrium anywhere. SI units, z up.
 
@@ -65,21 +66,23 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
     A weighted sum of terms in [0, 1] whose weights sum to 1; each weighted term stands in `info` as `reward_NAME`.
     With E the excess energy, e the error of both spring vectors, v all velocities, q0 the anchor, a the action:
 
-    | term | formula | damping | stabilisation |
-    |---|---|---|---|
-    | energy | 1 / (1 + E / 1 J) | 0.8 | - |
-    | posture | 1 / (1 + (e / 0.3 m)^2) | - | 0.6 |
-    | stillness | 1 / (1 + (v / 1 m/s)^2) | - | 0.15 |
-    | centring | 1 / (1 + (q0 / 1 m)^2) | 0.15 | 0.2 |
-    | effort | 1 - mean of a^2 | 0.05 | 0.05 |
+    | term | formula | damping | stabilisation | swing-up |
+    |---|---|---|---|---|
+    | energy | 1 / (1 + abs(E) / E1) | 0.8, E1 = 1 J | - | 0.3, E1 = 10 J |
+    | posture | 1 / (1 + (e / e1)^2) | - | 0.6, e1 = 0.3 m | 0.5, e1 = 0.5 m |
+    | stillness | 1 / (1 + (v / 1 m/s)^2) | - | 0.15 | - |
+    | centring | 1 / (1 + (q0 / 1 m)^2) | 0.15 | 0.2 | 0.15 |
+    | effort | 1 - mean of a^2 | 0.05 | 0.05 | 0.05 |
 
-    The passive reward is 0.
+    The passive reward is 0. In the swing-up E counts from inverted rest, so it is about -59 J at the start; hanging
+    still is no merit there, hence no stillness.
 
     ## Starting State
 
-    About the task's equilibrium (hanging, hanging for the passive and the damping task), anchor at rest at the origin.
-    Passive and damping: each mass displaced by N(0, 0.4 m) with a velocity of N(0, 1 m/s) on each axis. Stabilisation:
-    N(0, 0.05 m) and N(0, 0.05 m/s). Where the passive system lacks a spring (k = 0) it has no rest, and starts about
+    About the task's equilibrium (hanging, hanging for the passive and the damping task), anchor at rest at the origin;
+    the swing-up starts about hanging rest, though its equilibrium is inverted.
+    Passive and damping: each mass displaced by N(0, 0.4 m) with a velocity of N(0, 1 m/s) on each axis. Stabilisation
+    and swing-up: N(0, 0.05 m) and N(0, 0.05 m/s). Where the passive system lacks a spring (k = 0) it has no rest, and starts about
     the unstretched lengths, hanging. `reset(options={"state": ..., "parameters": ...})` sets the start, in the
     observation's layout, and constants of this one episode.
 
@@ -95,7 +98,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
 
     ## Info
 
-    `time` (s), `energy` (J), `excess_energy` (J, above the task's equilibrium), `energy_error` (the part of the change
+    `time` (s), `energy` (J), `excess_energy` (J, above the task's equilibrium, negative below it), `energy_error` (the part of the change
     of energy that neither the force's work nor drag accounts for, relative to the energy at the start: the paper's
     equation 42, and a measure of the integration's error in every mode), `work` and `dissipated` (J since the start),
     `parameters` (those in force); actuated also `force` (N, x y z) and `reward_NAME`.

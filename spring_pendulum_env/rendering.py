@@ -64,10 +64,11 @@ class Renderer:
     """Draws the states of one environment, one after the other.
 
     A picture depends on nothing but what was drawn since the last `forget`, so the same history gives the same bits.
-    In mode "rgb_array" no display is touched. The camera holds the usual motion about the task's equilibrium and moves
-    back when a body leaves that; where no spring 1 ties the masses to the anchor it goes with them. In mode "human"
-    dragging turns it and the wheel zooms; `azimuth`, `elevation`, `zoom` and `title` may be set between frames too.
-    What the last frame shows is in `scene`. After the window was closed `closed` is true and `draw` does nothing.
+    In mode "rgb_array" no display is touched. The camera holds the usual motion about the task's equilibrium, and
+    about where its episodes start, and moves back when a body leaves that; where no spring 1 ties the masses to the
+    anchor it goes with them. In mode "human" dragging turns it and the wheel zooms; `azimuth`, `elevation`, `zoom` and
+    `title` may be set between frames too. What the last frame shows is in `scene`. After the window was closed
+    `closed` is true and `draw` does nothing.
     """
 
     def __init__(

@@ -165,8 +165,9 @@ class Scenario:
         )
         # The worst case that can be drawn must have its equilibrium too: a long heavy chain on short soft springs.
         worst = {name: low if name[0] in "kL" else high for name, (low, high) in scenario.randomise.items()}
-        scenario.spring_heights(scenario.parameters)
-        scenario.spring_heights(scenario.parameters.replace(worst))
+        for parameters in (scenario.parameters, scenario.parameters.replace(worst)):
+            scenario.spring_heights(parameters)
+            scenario.start_heights(parameters)
         return scenario
 
     @property
@@ -176,8 +177,13 @@ class Scenario:
 
     @functools.cached_property
     def rest(self) -> FloatArray:
-        """The state, shape (18,), about which episodes with the usual parameters start."""
+        """The state, shape (18,), that the task is about, with the usual parameters."""
         return vertical_state(*self.spring_heights(self.parameters))
+
+    @functools.cached_property
+    def start(self) -> FloatArray:
+        """The state, shape (18,), about which episodes with the usual parameters start."""
+        return vertical_state(*self.start_heights(self.parameters))
 
     @functools.cached_property
     def spread(self) -> FloatArray:
@@ -191,9 +197,16 @@ class Scenario:
 
         The passive task without one of its springs has no rest; there they are the unstretched lengths, hanging.
         """
+        return self._heights(parameters, self.equilibrium)
+
+    def start_heights(self, parameters: Parameters) -> tuple[float, float]:
+        """The same at the state about which episodes start: where they belong, unless the task is to get there."""
+        return self._heights(parameters, self.task.start_equilibrium or self.equilibrium)
+
+    def _heights(self, parameters: Parameters, equilibrium: str) -> tuple[float, float]:
         if not self.task.actuated and 0.0 in (parameters.k1, parameters.k2):
             return -parameters.L1, -parameters.L2
-        return spring_lengths(parameters, self.equilibrium)
+        return spring_lengths(parameters, equilibrium)
 
     def draw(self, random: Random, options: Mapping[str, Any] | None) -> tuple[Parameters, FloatArray]:
         """Parameters and start of an episode: drawn, or as the options of `reset` say.
@@ -212,16 +225,16 @@ class Scenario:
                 raise ValueError(f"unknown option {option!r}: must be 'state' or 'parameters'")
         drawn = {name: float(random.uniform(low, high)) for name, (low, high) in self.randomise.items()}
         parameters = self.parameters.replace(drawn).replace(options.get("parameters"))
-        rest = self.rest if parameters is self.parameters else vertical_state(*self.spring_heights(parameters))
+        about = self.start if parameters is self.parameters else vertical_state(*self.start_heights(parameters))
         if options.get("state") is not None:
             return parameters, self.checked_state(options["state"])
-        return parameters, self.start_from(rest, random.standard_normal(START_NUMBERS))
+        return parameters, self.start_from(about, random.standard_normal(START_NUMBERS))
 
-    def start_from(self, rest: FloatArray, noise: FloatArray) -> FloatArray:
-        """A state of shape (18,) about `rest` from START_NUMBERS normal random numbers."""
-        start = rest.copy()
-        start[3:9] = tasks.displaced(rest[3:9], self.spread[:6], noise[:6])
-        start[12:18] = tasks.displaced(rest[12:18], self.spread[6:], noise[6:])
+    def start_from(self, about: FloatArray, noise: FloatArray) -> FloatArray:
+        """A state of shape (18,) about the state `about` from START_NUMBERS normal random numbers."""
+        start = about.copy()
+        start[3:9] = tasks.displaced(about[3:9], self.spread[:6], noise[:6])
+        start[12:18] = tasks.displaced(about[12:18], self.spread[6:], noise[6:])
         return start
 
     def checked_state(self, state: Any) -> FloatArray:

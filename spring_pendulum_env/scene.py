@@ -110,7 +110,8 @@ def look(
     targets = bodies[0] + rest[1:]
     spread = 0.5 * reach * np.vstack([np.eye(3), -np.eye(3)]) * [1.0, 1.0, 0.5]
     if p.k1 > 0.0 or scenario.task.actuated:
-        usual, seen = rest, np.vstack([bodies, targets])
+        start = np.outer(np.cumsum([0.0, *scenario.start_heights(p)]), [0.0, 0.0, 1.0])
+        usual, seen = np.vstack([rest, start]), np.vstack([bodies, targets])
     else:
         usual, seen = bodies[1:].mean(axis=0, keepdims=True), bodies[1:]
     points = np.vstack([(usual[:, None] + spread).reshape(-1, 3), (seen[:, None] + 0.25 * spread).reshape(-1, 3)])

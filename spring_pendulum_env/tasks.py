@@ -26,15 +26,17 @@ class Task:
     """Whether a force acts on the anchor; if not, it is held at the origin and observations have 12 numbers, not 18."""
     max_episode_steps: int
     equilibrium: str
-    """The default of the argument of that name, or the fixed one."""
+    """Where the masses are wanted: the default of the argument of that name, or the fixed one."""
     chooses_equilibrium: bool
     """Whether `equilibrium` is an argument of this task."""
     start_displacement: float
-    """Standard deviation of each mass's start about the equilibrium, m on each axis."""
+    """Standard deviation of each mass's start about the equilibrium that it starts from, m on each axis."""
     start_velocity: float
     """Standard deviation of each mass's velocity at the start, m/s on each axis."""
     tolerance: float | None
     """Default of the argument of that name: None for the splitting, a number for the adaptive scheme."""
+    start_equilibrium: str | None = None
+    """The equilibrium about which episodes start, if it isn't the one where the masses are wanted."""
     weights: Mapping[str, float] = dataclasses.field(default_factory=dict)
     """Weight of each reward term; those that aren't named weigh nothing."""
     energy_scale: float = 1.0
@@ -124,10 +126,27 @@ STABILISATION = Task(
     largest_deviation=1.5,
 )
 
+SWING_UP = Task(
+    name="swing-up",
+    actuated=True,
+    max_episode_steps=500,
+    equilibrium="inverted-inverted",
+    chooses_equilibrium=False,
+    start_equilibrium="hanging-hanging",
+    start_displacement=0.05,
+    start_velocity=0.05,
+    tolerance=None,
+    # No stillness: hanging at rest has it for nothing, and upright with no energy to spare is at rest.
+    weights={"energy": 0.3, "posture": 0.5, "centring": 0.15, "effort": 0.05},
+    energy_scale=10.0,
+    posture_scale=0.5,
+)
+
 TASKS = {
     "SpringPendulumPassive-v0": PASSIVE,
     "SpringPendulumDamping-v0": DAMPING,
     "SpringPendulumStabilisation-v0": STABILISATION,
+    "SpringPendulumSwingUp-v0": SWING_UP,
 }
 """The registered ids."""
 

@@ -231,7 +231,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         usual = not options and not self.scenario.randomise  # this is to cost little
         if usual:
             self._starts.prepare(rows)
-            start = (self.scenario.rest, self.scenario.spread, self._starts.numbers, self._starts.taken)
+            start = (self.scenario.start, self.scenario.spread, self._starts.numbers, self._starts.taken)
             kernels.place(self._rows, rows, self._template, *start)
             drawn = [self.scenario.parameters] * rows.size if self._any_unusual else []
         else:

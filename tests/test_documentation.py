@@ -71,11 +71,12 @@ def test_manuals_hold_the_whole_docstring_between_them_and_nothing_else(extensio
             assert re.search(rf"^\| {re.escape(first)} \|", everything, re.MULTILINE) or set(first) == {"-"}, line
         else:
             assert all(line in page for page in pages.values()), line
-    passive, damping, stabilisation = pages.values()
+    passive, damping, stabilisation, swing_up = pages.values()
     assert "max_force` | 20" in damping and "max_force` | 20" not in passive
     assert "| posture |" in stabilisation and "| posture |" not in damping + passive
     assert "(18,) | X0" in damping and "(18,) | X0" not in passive
-    assert "| `equilibrium` |" in stabilisation and "| `equilibrium` |" not in damping
+    assert "| `equilibrium` |" in stabilisation and "| `equilibrium` |" not in damping + swing_up
+    assert "| 0.5, e1 = 0.5 m |" in swing_up and "| 0.6, e1 = 0.3 m |" not in swing_up
     with pytest.raises(ValueError, match="Nope-v0"):
         manual("Nope-v0")
 

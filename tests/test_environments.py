@@ -25,6 +25,7 @@ ACTUATED = [name for name, task in TASKS.items() if task.actuated]
 PASSIVE = "SpringPendulumPassive-v0"
 DAMPING = "SpringPendulumDamping-v0"
 STABILISATION = "SpringPendulumStabilisation-v0"
+SWING_UP = "SpringPendulumSwingUp-v0"
 INFO = {"time", "energy", "excess_energy", "energy_error", "work", "dissipated", "parameters"}
 
 
@@ -153,7 +154,8 @@ def test_randomise_draws_within_its_range_at_each_reset() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "displacement", "velocity"), [(PASSIVE, 0.4, 1.0), (DAMPING, 0.4, 1.0), (STABILISATION, 0.05, 0.05)]
+    ("name", "displacement", "velocity"),
+    [(PASSIVE, 0.4, 1.0), (DAMPING, 0.4, 1.0), (STABILISATION, 0.05, 0.05), (SWING_UP, 0.05, 0.05)],
 )
 def test_start_is_spread_as_documented(name: str, displacement: float, velocity: float) -> None:
     env = gym.make(name)
@@ -203,8 +205,8 @@ def test_energy_is_the_state_s(env: gym.Env[Any, Any]) -> None:
 
 @pytest.mark.parametrize("name", ACTUATED)
 def test_reward_is_in_range_and_falls_far_from_the_goal(name: str) -> None:
-    env = gym.make(name, start_scale=0.0)
-    env.reset(seed=0)
+    env = gym.make(name)
+    env.reset(options={"state": env.unwrapped.scenario.rest})  # type: ignore[attr-defined]
     best = env.step(np.zeros(3))[1]
     assert best == pytest.approx(1.0, abs=1e-6)
     rewards = run(gym.make(name, start_scale=3.0, anchor_travel=1e6), 300)[1:, -1]
@@ -268,6 +270,23 @@ def test_stabilisation_starts_at_each_equilibrium_and_stays(name: str) -> None:
     assert np.array_equal(start, spring_pendulum_env.equilibrium({}, name))
     assert info["excess_energy"] == 0.0
     assert np.abs(env.step(np.zeros(3))[0] - start).max() < 1e-12
+
+
+def test_swing_up_starts_hanging_and_wants_both_springs_inverted() -> None:
+    parameters = {"m2": 1.5}
+    hanging, inverted = (spring_pendulum_env.equilibrium(parameters, f"{way}-{way}") for way in ("hanging", "inverted"))
+    env = gym.make(SWING_UP, parameters=parameters, start_scale=0.0)
+    for start, info in (
+        env.reset(seed=0),
+        gym.make(SWING_UP, start_scale=0.0).reset(options={"parameters": parameters}),
+    ):
+        assert np.array_equal(start, hanging)
+        missing = spring_pendulum_env.energy(parameters, hanging) - spring_pendulum_env.energy(parameters, inverted)
+        assert info["excess_energy"] == pytest.approx(missing, abs=1e-12)
+    below = env.step(np.zeros(3))[1]
+    env.reset(options={"state": inverted})
+    assert below < 0.3 < env.step(np.zeros(3))[1]
+    assert env.unwrapped.scenario.start.tolist() == hanging.tolist()  # type: ignore[attr-defined]
 
 
 def test_force_is_the_clipped_action_along_the_actuated_axes() -> None:

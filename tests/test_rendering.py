@@ -59,7 +59,7 @@ def pixels_of_hue(picture: Picture, colour: tuple[int, int, int], within: float 
     return np.argwhere(close & (total[..., 0] > 150))
 
 
-@pytest.mark.parametrize("task", ["Passive", "Damping", "Stabilisation"])
+@pytest.mark.parametrize("task", ["Passive", "Damping", "Stabilisation", "SwingUp"])
 @pytest.mark.parametrize("size", [(600, 600), (320, 240), (200, 500)])
 def test_shape_and_type(task: str, size: tuple[int, int]) -> None:
     picture = drawn(renderer(task, size=size), hanging(), force=[10.0, -5.0, 3.0])
@@ -183,6 +183,18 @@ def test_every_task_is_drawn_anywhere_on_its_travel(name: str) -> None:
         state[:9] += np.tile(corner, 3)
         picture = drawn(shown, state)
         assert all(len(pixels_of_hue(picture[70:505], colour)) > 50 for colour in MASSES)
+
+
+def test_swing_up_shows_where_the_masses_are_wanted_and_its_camera_rests() -> None:
+    """The rings stand where the masses of a pendulum that is up are drawn."""
+    shown = renderer("SwingUp", trail=0.0)
+    up = [pixels_of_hue(drawn(shown, equilibrium(None, "inverted-inverted"))[70:505], colour) for colour in MASSES]
+    below = drawn(shown, equilibrium(None, "hanging-hanging"))[70:505]
+    for colour, ball in zip(MASSES, up, strict=True):
+        middle = ball.mean(axis=0)
+        distance = np.linalg.norm(np.argwhere(below.max(axis=2) >= 0) - middle, axis=1).reshape(below.shape[:2])
+        ring = np.abs(below / below.sum(axis=2, keepdims=True) - np.array(colour) / sum(colour)).max(axis=2) < 0.06
+        assert (ring & (distance < 20)).sum() > 30
 
 
 def test_degenerate_states_are_drawn() -> None:

@@ -19,19 +19,20 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize, 
 from agents.sb3 import SpringPendulumVecEnv
 
 DAMPING = "SpringPendulumDamping-v0"
-ARGUMENTS: dict[str, Any] = {"start_scale": 2.0, "randomise": {"k1": (80.0, 120.0)}}
+ARGUMENTS: dict[str, Any] = {"start_scale": 2.0, "anchor_travel": 1.2, "randomise": {"k1": (80.0, 120.0)}}
 
 
-def ours(rows: int, limit: int = 30) -> VecEnv:
-    return SpringPendulumVecEnv(DAMPING, rows, max_episode_steps=limit, **ARGUMENTS)
+def ours(rows: int, limit: int = 30, name: str = DAMPING) -> VecEnv:
+    return SpringPendulumVecEnv(name, rows, max_episode_steps=limit, **ARGUMENTS)
 
 
-def theirs(rows: int, limit: int = 30) -> VecEnv:
-    return DummyVecEnv([lambda: Monitor(gym.make(DAMPING, max_episode_steps=limit, **ARGUMENTS))] * rows)
+def theirs(rows: int, limit: int = 30, name: str = DAMPING) -> VecEnv:
+    return DummyVecEnv([lambda: Monitor(gym.make(name, max_episode_steps=limit, **ARGUMENTS))] * rows)
 
 
-def test_steps_equal_dummy_vec_env() -> None:
-    pair = ours(5), theirs(5)
+@pytest.mark.parametrize("name", [DAMPING, "SpringPendulumSwingUp-v0"])
+def test_steps_equal_dummy_vec_env(name: str) -> None:
+    pair = ours(5, name=name), theirs(5, name=name)
     for env in pair:
         env.seed(7)
     first, second = (env.reset() for env in pair)

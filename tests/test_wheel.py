@@ -22,7 +22,8 @@ from spring_pendulum_env import regression
 for absent in ("torch", "stable_baselines3", "pygame", "matplotlib", "yaml"):
     assert importlib.util.find_spec(absent) is None, absent
 assert "site-packages" in package.__file__
-for name in ("SpringPendulumPassive-v0", "SpringPendulumDamping-v0", "SpringPendulumStabilisation-v0"):
+for task in ("Passive", "Damping", "Stabilisation", "SwingUp"):
+    name = f"SpringPendulum{task}-v0"
     env = gym.make(name)
     first, _ = env.reset(seed=0)
     for _ in range(10):
