@@ -1,7 +1,7 @@
 """What can be scored, by name: the classical controllers, shipped policies, and runs of scripts/train.py.
 
-A name is one of CLASSICAL, a shipped policy, the folder of a run, or a pattern such as "runs/damping-ppo-seed*" that
-matches the folders of one training with several seeds, which then make one entry.
+A name is one of CLASSICAL, a shipped policy (with its trainings from other seeds), the folder of a run, or a pattern
+such as "runs/damping-ppo-seed*" that matches the folders of one training with several seeds, which then make one entry.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def find(name: str) -> Entry:
     if name in CLASSICAL:
         return CLASSICAL[name]
     if name in runs.SHIPPED_NAMES:
-        return _learned(name, [runs.find_run(name)])
+        return _learned(name, [runs.find_run(name), *sorted((runs.SHIPPED / "seeds").glob(f"{name}-*"))])
     pattern = Path(name)
     folders = sorted(pattern.parent.glob(pattern.name)) if "*" in pattern.name else [pattern]
     if not folders or not all(folder.is_dir() for folder in folders):
