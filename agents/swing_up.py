@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 SECONDS = 3.0  # of a plan; it can be done in 1.4 s too, with four times the effort
 PERIODS = 2  # control periods for which each force is held
-SPARE = 0.15  # share of the force and of the travel that is left for following the plan
+SPARE = 0.15
 OPTIONS = {"ipopt.tol": 1e-4, "ipopt.constr_viol_tol": 1e-6, "ipopt.max_iter": 300, "ipopt.mu_strategy": "adaptive"}
 
 
@@ -54,19 +54,23 @@ class PlannedSwingUp:
     Arguments:
         scenario: of the swing-up task.
         seconds: length of a plan.
+        spare: share of the force and of the travel that is left for following it.
 
     Attributes: solves, iterations, failures (starts without a plan; these get no force), seconds_spent.
-    Raises ValueError for a plan shorter than one force is held, ModuleNotFoundError without CasADi.
+    Raises ValueError for a plan shorter than one force is held or a share that isn't one, ModuleNotFoundError without
+    CasADi.
     """
 
-    def __init__(self, scenario: Scenario, seconds: float = SECONDS) -> None:
+    def __init__(self, scenario: Scenario, seconds: float = SECONDS, spare: float = SPARE) -> None:
         self.scenario = scenario
         period = scenario.control_period
         self.intervals = round(seconds / (PERIODS * period))
         if self.intervals < 1:
             raise ValueError(f"seconds is {seconds}; allowed is a number from {PERIODS * period:g} on")
+        if not 0 <= spare < 1:
+            raise ValueError(f"spare is {spare}; allowed is a number from 0 to below 1")
         self.lqr = _lqr(scenario, scenario.max_force)
-        limit = (1 - SPARE) * scenario.max_force
+        limit = (1 - spare) * scenario.max_force
         library = casadi()
         self._solver = Solver(
             Problem(
@@ -76,7 +80,7 @@ class PlannedSwingUp:
                 PERIODS,
                 stage_cost=lambda _, force: library.sumsqr(force) / limit**2 / self.intervals,
                 final_cost=lambda _: 0.0,
-                anchor_travel=(1 - SPARE) * scenario.anchor_travel,
+                anchor_travel=(1 - spare) * scenario.anchor_travel,
                 final_level=unsaturated_level(self.lqr),
             ),
             "ipopt",

@@ -59,9 +59,9 @@ def _strip(axes: Axes, evaluation: Evaluation) -> None:
         for body, colour in zip(bodies[1:], MASS_COLOURS, strict=True):
             axes.plot(*body, "o", color=colour, markersize=7, zorder=3)
         axes.text(shift[0], -3.1, f"{seconds:.1f} s", ha="center", va="bottom", fontsize=9)
-    axes.set_title(evaluation.controller, loc="left", fontsize=10)
+    axes.set_title(f"{evaluation.controller}: anchor (black), mass 1 (orange), mass 2 (blue)", loc="left", fontsize=10)
     axes.set_aspect("equal")
-    axes.set(xlim=(-1.4, (POSES - 1) * SPACING + 1.4), ylim=(-3.2, 3.2))
+    axes.set(xlim=(-1.4, (POSES - 1) * SPACING + 1.4), ylim=(-3.2, 2.6))
     axes.axis("off")
 
 
@@ -83,7 +83,7 @@ def _energy(axes: Axes, evaluations: Sequence[Evaluation]) -> None:
         energy = episodes.excess_energy[0, :last]
         axes.plot(episodes.times[:last], energy, color=colour, linestyle=style, label=evaluation.controller)
     axes.axhline(0.0, color="black", linewidth=0.8)
-    axes.text(0.995, 0.0, "upright at rest ", transform=axes.get_yaxis_transform(), ha="right", va="bottom", fontsize=9)
+    axes.text(0.995, -2.0, "0: upright at rest", transform=axes.get_yaxis_transform(), ha="right", va="top", fontsize=9)
     axes.set(xlabel="time (s)", ylabel="excess energy (J)", xlim=(0, evaluations[0].episodes.times[-1]))
     axes.grid(alpha=0.3)
     if len(evaluations) > 1:

@@ -109,6 +109,8 @@ def test_a_start_without_a_plan_gets_no_force_and_is_counted(planner: PlannedSwi
     assert (hopeless.solves, hopeless.failures) == (2, 1)
     with pytest.raises(ValueError, match="seconds"):
         PlannedSwingUp(planner.scenario, seconds=0.01)
+    with pytest.raises(ValueError, match="spare"):
+        PlannedSwingUp(planner.scenario, spare=1.0)
 
 
 def test_gains_along_a_plan_that_rests_are_lqr_s() -> None:
