@@ -8,7 +8,6 @@ from typing import Any, Unpack
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from numpy import ndarray
 from numpy.typing import NDArray
 
 from spring_pendulum_env import integrators, kernels, layout
@@ -152,10 +151,8 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self._template = layout.template(self.scenario, self.scenario.parameters)
         self._action_shape = self.action_space.shape
         self._places = [self.scenario.actuated_axes.find(axis) for axis in AXES]  # of x, y and z in an action; -1: none
-        self._all_axes = self._places == [0, 1, 2]
-        first_term = 9  # in what `kernels.advance` tells
-        self._terms = [(f"reward_{term}", first_term + REWARD_TERMS.index(term)) for term in self.scenario.task.terms]
         self._renderer: Any = None
+        self._on_screen = render_mode == "human"
         self._started = False
         self._look_into_cell()
 
@@ -168,12 +165,15 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             self._observe = self._full_state.reshape(2, 9)[:, 3:].flatten
         self._force = self._cell[layout.FORCE : layout.FORCE + 3]
         self._address = self._cell.ctypes.data
+        # Where all axes are actuated and the action is an array, the compiled step looks at the numbers itself.
+        self._numbers_of = np.ndarray.tolist if self._places == [0, 1, 2] else self._checked_action
         adaptively = self.scenario.tolerance is not None
-        self._advance = kernels.entry(kernels.advance_adaptively if adaptively else kernels.advance)
+        self._compiled_step = kernels.entry(kernels.advance_adaptively if adaptively else kernels.advance)
+        self._advance = self._compiled_step if self._started else _before_reset
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the window, the compiled step and the views, which would be copied apart from what they show."""
-        views = ("_full_state", "_observe", "_force", "_address", "_advance")
+        views = ("_full_state", "_observe", "_force", "_address", "_numbers_of", "_compiled_step", "_advance")
         return {name: value for name, value in self.__dict__.items() if name not in views} | {"_renderer": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -211,16 +211,17 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         usual = parameters is self.scenario.parameters
         self._cell[: layout.FIELDS] = self._template if usual else layout.template(self.scenario, parameters)
         self._full_state[:] = state
-        told = self._advance(self._address, 0.0, 0.0, 0.0)
+        told = self._compiled_step(self._address, 0.0, 0.0, 0.0)
         if parameters is not self._parameters:
             self._parameters = parameters
             self._constants = parameters.as_dict()
         self._started = True
+        self._advance = self._compiled_step
         if told[0] != layout.FINE:
             self._refuse(told[0], None)
         if self._renderer is not None:
             self._renderer.forget()
-        if self.render_mode == "human":
+        if self._on_screen:
             self.render()
         return self._observe(), self._info(told)
 
@@ -240,22 +241,14 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             FloatingPointError: the motion has left the range of floating-point numbers, or the adaptive scheme would
                 need more than a million steps for this control period.
         """
-        if not self._started:
-            raise gym.error.ResetNeeded("step called before reset: call reset first")
-        if self._all_axes and type(action) is ndarray:
-            try:  # the compiled step looks at the numbers itself
-                told = self._advance(self._address, *action.tolist())
-            except (TypeError, ValueError):
-                told = self._advance(self._address, *self._checked_action(action))
-        else:
+        try:
+            x, y, z = self._numbers_of(action)
+            told = self._advance(self._address, x, y, z)
+        except (TypeError, ValueError):
             told = self._advance(self._address, *self._checked_action(action))
-        status = told[0]
-        if status != 0:  # layout.FINE, which would take time to look up
-            if status == layout.UNFINISHED:
-                told = kernels.entry(kernels.advance_adaptively)(self._address, *self._checked_action(action))
-            if told[0] != layout.FINE:
-                self._refuse(told[0], action)
-        if self.render_mode == "human":
+        if told[0]:  # not layout.FINE, which would take time to look up
+            told = self._second_try(told, action)
+        if self._on_screen:
             self.render()
         return self._observe(), told[7], told[8], False, self._info(told)
 
@@ -294,6 +287,14 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         x, y, z = (numbers.item(place) if place >= 0 else 0.0 for place in self._places)
         return x, y, z
 
+    def _second_try(self, told: kernels.Told, action: Any) -> kernels.Told:
+        """What a step that wasn't FINE tells in the end: by the adaptive scheme, if the splitting left it to that."""
+        if told[0] == layout.UNFINISHED:
+            told = kernels.entry(kernels.advance_adaptively)(self._address, *self._checked_action(action))
+        if told[0] != layout.FINE:
+            self._refuse(told[0], action)
+        return told
+
     def _refuse(self, status: int, action: Any) -> None:
         if status == layout.BAD_ACTION:
             raise ValueError(f"action = {action!r}: must be finite")
@@ -301,20 +302,38 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
 
     def _info(self, told: kernels.Told) -> dict[str, Any]:
         """The info about the last step."""
-        info: dict[str, Any] = {
-            "time": told[1],
-            "energy": told[2],
-            "excess_energy": told[3],
-            "energy_error": told[4],
-            "work": told[5],
-            "dissipated": told[6],
+        # One display of all entries: a mapping that grows entry by entry takes half as long again.
+        _, time, energy, excess, error, work, dissipated, _, _, of_energy, posture, stillness, centring, effort = told
+        if self.scenario.task.actuated:
+            return {
+                "time": time,
+                "energy": energy,
+                "excess_energy": excess,
+                "energy_error": error,
+                "work": work,
+                "dissipated": dissipated,
+                "parameters": self._constants.copy(),
+                "force": self._force.copy(),
+                "reward_energy": of_energy,
+                "reward_posture": posture,
+                "reward_stillness": stillness,
+                "reward_centring": centring,
+                "reward_effort": effort,
+            }
+        return {
+            "time": time,
+            "energy": energy,
+            "excess_energy": excess,
+            "energy_error": error,
+            "work": work,
+            "dissipated": dissipated,
             "parameters": self._constants.copy(),
         }
-        if self._terms:
-            info["force"] = self._force.copy()
-            for name, place in self._terms:
-                info[name] = told[place]
-        return info
+
+
+def _before_reset(_address: int, _x: float, _y: float, _z: float) -> kernels.Told:
+    """Stands for the compiled step until the first reset."""
+    raise gym.error.ResetNeeded("step called before reset: call reset first")
 
 
 RENDER_OPTIONS = ("size", "azimuth", "elevation", "zoom", "trail", "title")
