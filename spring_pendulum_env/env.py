@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Unpack
 
 import gymnasium as gym
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spring_pendulum_env import integrators, kernels, layout
 from spring_pendulum_env.physics import AXES, Parameters
 from spring_pendulum_env.scenario import Arguments, Scenario
-from spring_pendulum_env.tasks import REWARD_TERMS, task_named
+from spring_pendulum_env.tasks import task_named
 
 FloatArray = NDArray[np.float64]
 
@@ -100,7 +100,8 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
     `time` (s), `energy` (J), `excess_energy` (J, above the task's equilibrium, negative below it), `energy_error` (the part of the change
     of energy that neither the force's work nor drag accounts for, relative to the energy at the start: the paper's
     equation 42, and a measure of the integration's error in every mode), `work` and `dissipated` (J since the start),
-    `parameters` (those in force); actuated also `force` (N, x y z) and `reward_NAME`.
+    `parameters` (those in force); actuated also `force` (N, x y z) and each `reward_NAME`, 0 for the terms
+    that the task doesn't use.
 
     ## Arguments
 
@@ -152,6 +153,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self._action_shape = self.action_space.shape
         self._places = [self.scenario.actuated_axes.find(axis) for axis in AXES]  # of x, y and z in an action; -1: none
         self._renderer: Any = None
+        self._actuated = self.scenario.task.actuated
         self._on_screen = render_mode == "human"
         self._started = False
         self._look_into_cell()
@@ -164,16 +166,27 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         if not self.scenario.task.actuated:
             self._observe = self._full_state.reshape(2, 9)[:, 3:].flatten
         self._force = self._cell[layout.FORCE : layout.FORCE + 3]
+        self._copy_force = self._force.copy
         self._address = self._cell.ctypes.data
         # Where all axes are actuated and the action is an array, the compiled step looks at the numbers itself.
-        self._numbers_of = np.ndarray.tolist if self._places == [0, 1, 2] else self._checked_action
+        tolist: Callable[[Any], Any] = np.ndarray.tolist
+        self._numbers_of = tolist if self._places == [0, 1, 2] else self._checked_action
         adaptively = self.scenario.tolerance is not None
         self._compiled_step = kernels.entry(kernels.advance_adaptively if adaptively else kernels.advance)
         self._advance = self._compiled_step if self._started else _before_reset
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the window, the compiled step and the views, which would be copied apart from what they show."""
-        views = ("_full_state", "_observe", "_force", "_address", "_numbers_of", "_compiled_step", "_advance")
+        views = (
+            "_full_state",
+            "_observe",
+            "_force",
+            "_copy_force",
+            "_address",
+            "_numbers_of",
+            "_compiled_step",
+            "_advance",
+        )
         return {name: value for name, value in self.__dict__.items() if name not in views} | {"_renderer": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -304,7 +317,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         """The info about the last step."""
         # One display of all entries: a mapping that grows entry by entry takes half as long again.
         _, time, energy, excess, error, work, dissipated, _, _, of_energy, posture, stillness, centring, effort = told
-        if self.scenario.task.actuated:
+        if self._actuated:
             return {
                 "time": time,
                 "energy": energy,
@@ -313,7 +326,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
                 "work": work,
                 "dissipated": dissipated,
                 "parameters": self._constants.copy(),
-                "force": self._force.copy(),
+                "force": self._copy_force(),
                 "reward_energy": of_energy,
                 "reward_posture": posture,
                 "reward_stillness": stillness,

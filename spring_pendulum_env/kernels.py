@@ -24,6 +24,7 @@ from spring_pendulum_env.equilibria import BODY_STATE
 from spring_pendulum_env.integrators import FINEST, REFINEMENT
 from spring_pendulum_env.jit import cache_folder, carray, compiled, compiled_for_width, floats_at
 from spring_pendulum_env.layout import (
+    ALIKE,
     AXIS_COUNT,
     AXIS_SLOTS,
     BAD_ACTION,
@@ -290,10 +291,11 @@ def _advance_adaptively(address, x, y, z):
 
 
 @compiled
-def _take(rows, queue, done, waiting, indices):
+def _take(rows, alike, queue, done, waiting, indices):
     """The next pendulums of a queue that can be done together, those that need as many steps: how many.
 
     Args:
+        alike: whether all of them do.
         queue: of pendulums; those from `done` on to before `waiting` are left, and change places.
         indices: shape (WIDTH,), written: which pendulums; beyond their number the first one again.
     """
@@ -302,7 +304,7 @@ def _take(rows, queue, done, waiting, indices):
     if done + WIDTH <= waiting:
         whole = True
         for j in range(WIDTH):
-            whole &= (queue[done + j] == block * WIDTH + j) & (rows[block, STEPS, j] == steps)
+            whole &= (queue[done + j] == block * WIDTH + j) & (alike | (rows[block, STEPS, j] == steps))
         if whole:
             for j in range(WIDTH):
                 indices[j] = queue[done + j]
@@ -310,7 +312,7 @@ def _take(rows, queue, done, waiting, indices):
     count = 0
     for n in range(done, waiting):
         index = queue[n]
-        if rows[index // WIDTH, STEPS, index % WIDTH] == steps:
+        if alike or rows[index // WIDTH, STEPS, index % WIDTH] == steps:
             queue[n] = queue[done + count]
             queue[done + count] = index
             indices[count] = index
@@ -332,18 +334,26 @@ def _is_block(indices):
 
 
 @compiled
-def _load(rows, indices, lanes, settings, actions, b):
-    """Into the buffer: the fields, and the force of the action, none for those that were just placed."""
+def _load_constants(rows, index, b):
+    """Into the buffer, the constants of one pendulum for all."""
+    for i in range(PHYSICS, FIELDS):
+        for j in range(WIDTH):
+            b[i, j] = rows[index // WIDTH, i, index % WIDTH]
+
+
+@compiled
+def _load(rows, indices, lanes, fields, settings, actions, b):
+    """Into the buffer: so many fields, and the force of the action, none for those that were just placed."""
     if b.shape[1] != WIDTH:
         return
     if _is_block(indices):
         whole = rows[indices[0] // WIDTH].reshape(FIELDS * WIDTH)
         flat = b.reshape(b.size)
-        for n in range(FIELDS * WIDTH):
+        for n in range(fields * WIDTH):
             flat[n] = whole[n]
     else:
         for j in range(lanes):
-            for i in range(FIELDS):
+            for i in range(fields):
                 b[i, j] = rows[indices[j] // WIDTH, i, indices[j] % WIDTH]
     for i in range(3):
         slot = int(settings[AXIS_SLOTS + i])
@@ -450,6 +460,10 @@ def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces,
     b = np.empty((BUFFER, WIDTH))
     indices = np.empty(WIDTH, dtype=np.int64)
     limit = settings[TIME_LIMIT]
+    alike = settings[ALIKE] != 0.0
+    fields = PHYSICS if alike else FIELDS
+    if alike and wanted.size > 0:
+        _load_constants(rows, wanted[0], b)
     queue = np.empty(CHUNK, dtype=np.int64)
     worst = FINE
     for begin in range(0, wanted.size, CHUNK):
@@ -461,10 +475,10 @@ def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces,
             again = 0  # those that were guarded go back to the front of the queue, to be done finer
             done = np.int64(0)
             while done < waiting:
-                count = _take(rows, queue, done, waiting, indices)
+                count = _take(rows, alike, queue, done, waiting, indices)
                 done += count
                 lanes = (count + 7) & -8
-                _load(rows, indices, lanes, settings, actions, b)
+                _load(rows, indices, lanes, fields, settings, actions, b)
                 _begin(b, WIDTH, lanes)
                 split(b, WIDTH, lanes, refinement, settings[PERIOD])
                 _settle(b, WIDTH, lanes)
@@ -505,7 +519,7 @@ def _step_batch_adaptively(
         for j in range(WIDTH):
             indices[j] = wanted[begin + min(j, count - 1)]
         lanes = (count + 7) & -8
-        _load(rows, indices, lanes, settings, actions, b)
+        _load(rows, indices, lanes, FIELDS, settings, actions, b)
         _begin(b, WIDTH, lanes)
         adapt(b, count, settings[PERIOD], settings[TOLERANCE])
         for j in range(count, lanes):

@@ -80,7 +80,8 @@ FINE, BAD_ACTION, NOT_FINITE, TOO_MANY_STEPS, UNFINISHED = range(5)  # the last:
     WEIGHTS,  # 5, one for each reward term
 ) = range(12)
 AXIS_SLOTS = WEIGHTS + len(tasks.REWARD_TERMS)  # 3: which number of an action belongs to x, y and z; -1: none
-SETTINGS = AXIS_SLOTS + 3
+ALIKE = AXIS_SLOTS + 3  # 1 where all pendulums have the same constants, which then need not be read of each
+SETTINGS = ALIKE + 1
 
 KEPT = BUFFER  # 18: in a cell, the state before the step
 CELL_SETTINGS = KEPT + 18
@@ -105,6 +106,7 @@ def settings_of(scenario: Scenario, time_limit: float = math.inf) -> FloatArray:
             time_limit,
             *(task.weights.get(term, 0.0) for term in tasks.REWARD_TERMS),
             *(scenario.actuated_axes.find(axis) for axis in physics.AXES),
+            0.0,
         ]
     )
 

@@ -47,6 +47,93 @@ from spring_pendulum_env.layout import (
 
 
 @compiled_for_width
+def _stages(b, width, lanes, first, last, step, known):
+    """The stages from `first` on to before `last` of a step, s, without drag.
+
+    Nothing else happens in these loops, so that the compiler can keep a single pendulum's state in registers.
+
+    Args:
+        known: whether the forces of the first of them are those of the stage before it.
+    """
+    literally(width)
+    if b.shape[1] != width:
+        return
+    lanes = 1 if width == 1 else lanes & -8
+    for s in range(first, last):
+        # Springs, then kicks and drifts: in loops of their own, so that the roots and divisions of several
+        # pendulums are in flight at once.
+        if s > first or not known:
+            for j in range(lanes):
+                force1 = physics.spring_force(
+                    b[3, j] - b[0, j], b[4, j] - b[1, j], b[5, j] - b[2, j], b[PHYSICS + 5, j], b[PHYSICS + 7, j]
+                )
+                force2 = physics.spring_force(
+                    b[6, j] - b[3, j], b[7, j] - b[4, j], b[8, j] - b[5, j], b[PHYSICS + 6, j], b[PHYSICS + 8, j]
+                )
+                b[SPRINGS, j] = force1[0]
+                b[SPRINGS + 1, j] = force1[1]
+                b[SPRINGS + 2, j] = force1[2]
+                b[SPRINGS + 3, j] = force2[0]
+                b[SPRINGS + 4, j] = force2[1]
+                b[SPRINGS + 5, j] = force2[2]
+        kick = KICKS[s] * step
+        drift = DRIFTS[s] * step
+        for j in range(lanes):
+            a = physics.accelerations_under(
+                b[SPRINGS, j], b[SPRINGS + 1, j], b[SPRINGS + 2, j],
+                b[SPRINGS + 3, j], b[SPRINGS + 4, j], b[SPRINGS + 5, j],
+                b[FORCE, j], b[FORCE + 1, j], b[FORCE + 2, j],
+                b[PHYSICS, j], b[PHYSICS + 1, j], b[PHYSICS + 2, j], b[PHYSICS + 3, j], b[PHYSICS + 4, j],
+                b[PHYSICS + 9, j], b[PHYSICS + 10, j],
+            )  # fmt: skip
+            v0 = b[9, j] + kick * a[0]
+            v1 = b[10, j] + kick * a[1]
+            v2 = b[11, j] + kick * a[2]
+            v3 = b[12, j] + kick * a[3]
+            v4 = b[13, j] + kick * a[4]
+            v5 = b[14, j] + kick * a[5]
+            v6 = b[15, j] + kick * a[6]
+            v7 = b[16, j] + kick * a[7]
+            v8 = b[17, j] + kick * a[8]
+            b[9, j] = v0
+            b[0, j] += drift * v0
+            b[10, j] = v1
+            b[1, j] += drift * v1
+            b[11, j] = v2
+            b[2, j] += drift * v2
+            b[12, j] = v3
+            b[3, j] += drift * v3
+            b[13, j] = v4
+            b[4, j] += drift * v4
+            b[14, j] = v5
+            b[5, j] += drift * v5
+            b[15, j] = v6
+            b[6, j] += drift * v6
+            b[16, j] = v7
+            b[7, j] += drift * v7
+            b[17, j] = v8
+            b[8, j] += drift * v8
+
+
+@compiled_for_width
+def _brake(b, width, lanes, s):
+    """What drag does in the drift of stage s, which was made without it."""
+    literally(width)
+    if b.shape[1] != width:
+        return
+    lanes = 1 if width == 1 else lanes & -8
+    table = 3 * min(s, STAGES - 2 - s)
+    for i in range(9):
+        body = i // 3
+        for j in range(lanes):
+            v = b[9 + i, j]
+            share = b[SHARE + table + body, j]
+            b[i, j] -= b[SHORT + table + body, j] * v
+            b[9 + i, j] = v - share * v
+            b[LOST, j] += 0.5 * b[MASSES + body, j] * v * v * share * (2.0 - share)
+
+
+@compiled_for_width
 def split(b, width, lanes, refinement, period):
     """A period, s, by the symplectic splitting, in steps `refinement` times finer than usual.
 
@@ -79,71 +166,14 @@ def split(b, width, lanes, refinement, period):
             b[GUARDED, j] = 1.0 if close1 | close2 else b[GUARDED, j]
         if n == steps:
             break
+        # The last drift is none, so the forces of the last kick in a step are those of the first in the next.
+        if not dragged:
+            _stages(b, width, lanes, 0, STAGES, step, n > 0)
+            continue
         for s in range(STAGES):
-            # Springs, then kicks and drifts: in loops of their own, so that the roots and divisions of several
-            # pendulums are in flight at once. The last drift is none, so the forces of the last kick in a step are
-            # those of the first in the next.
-            if s > 0 or n == 0:
-                for j in range(lanes):
-                    force1 = physics.spring_force(
-                        b[3, j] - b[0, j], b[4, j] - b[1, j], b[5, j] - b[2, j], b[PHYSICS + 5, j], b[PHYSICS + 7, j]
-                    )
-                    force2 = physics.spring_force(
-                        b[6, j] - b[3, j], b[7, j] - b[4, j], b[8, j] - b[5, j], b[PHYSICS + 6, j], b[PHYSICS + 8, j]
-                    )
-                    b[SPRINGS, j] = force1[0]
-                    b[SPRINGS + 1, j] = force1[1]
-                    b[SPRINGS + 2, j] = force1[2]
-                    b[SPRINGS + 3, j] = force2[0]
-                    b[SPRINGS + 4, j] = force2[1]
-                    b[SPRINGS + 5, j] = force2[2]
-            kick = KICKS[s] * step
-            drift = DRIFTS[s] * step
-            for j in range(lanes):
-                a = physics.accelerations_under(
-                    b[SPRINGS, j], b[SPRINGS + 1, j], b[SPRINGS + 2, j],
-                    b[SPRINGS + 3, j], b[SPRINGS + 4, j], b[SPRINGS + 5, j],
-                    b[FORCE, j], b[FORCE + 1, j], b[FORCE + 2, j],
-                    b[PHYSICS, j], b[PHYSICS + 1, j], b[PHYSICS + 2, j], b[PHYSICS + 3, j], b[PHYSICS + 4, j],
-                    b[PHYSICS + 9, j], b[PHYSICS + 10, j],
-                )  # fmt: skip
-                v0 = b[9, j] + kick * a[0]
-                v1 = b[10, j] + kick * a[1]
-                v2 = b[11, j] + kick * a[2]
-                v3 = b[12, j] + kick * a[3]
-                v4 = b[13, j] + kick * a[4]
-                v5 = b[14, j] + kick * a[5]
-                v6 = b[15, j] + kick * a[6]
-                v7 = b[16, j] + kick * a[7]
-                v8 = b[17, j] + kick * a[8]
-                b[9, j] = v0
-                b[0, j] += drift * v0
-                b[10, j] = v1
-                b[1, j] += drift * v1
-                b[11, j] = v2
-                b[2, j] += drift * v2
-                b[12, j] = v3
-                b[3, j] += drift * v3
-                b[13, j] = v4
-                b[4, j] += drift * v4
-                b[14, j] = v5
-                b[5, j] += drift * v5
-                b[15, j] = v6
-                b[6, j] += drift * v6
-                b[16, j] = v7
-                b[7, j] += drift * v7
-                b[17, j] = v8
-                b[8, j] += drift * v8
-            if dragged and s < STAGES - 1:
-                table = 3 * min(s, STAGES - 2 - s)
-                for i in range(9):
-                    body = i // 3
-                    for j in range(lanes):
-                        v = b[9 + i, j]
-                        share = b[SHARE + table + body, j]
-                        b[i, j] -= b[SHORT + table + body, j] * v
-                        b[9 + i, j] = v - share * v
-                        b[LOST, j] += 0.5 * b[MASSES + body, j] * v * v * share * (2.0 - share)
+            _stages(b, width, lanes, s, s + 1, step, s == 0 and n > 0)
+            if s < STAGES - 1:
+                _brake(b, width, lanes, s)
 
 
 @compiled_for_width

@@ -188,9 +188,11 @@ def test_step_reports_the_info_of_the_contract(env: gym.Env[Any, Any]) -> None:
     json.dumps(info["parameters"])
     if env.spec.id in ACTUATED:
         assert info["force"].shape == (3,)
-        terms = [value for key, value in info.items() if key.startswith("reward_")]
-        assert sum(terms) == pytest.approx(reward, abs=1e-15)
-        assert len(terms) == len(TASKS[env.spec.id].terms) > 1
+        terms = {key: value for key, value in info.items() if key.startswith("reward_")}
+        assert sum(terms.values()) == pytest.approx(reward, abs=1e-15)
+        assert list(terms) == [f"reward_{term}" for term in REWARD_TERMS]
+        used = {name.removeprefix("reward_") for name, value in terms.items() if value > 0.0}
+        assert used == set(TASKS[env.spec.id].terms)
 
 
 def test_energy_is_the_state_s(env: gym.Env[Any, Any]) -> None:
