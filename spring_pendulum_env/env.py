@@ -236,7 +236,8 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             self._renderer.forget()
         if self._on_screen:
             self.render()
-        return self._observe(), self._info(told)
+        observation, _, _, _, info = self._answer(told)
+        return observation, info
 
     def step(self, action: Any) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """One control period under a force that is held.
@@ -263,14 +264,17 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             told = self._second_try(told, action)
         if self._on_screen:
             self.render()
-        return self._observe(), told[7], told[8], False, self._info(told)
+        return self._answer(told)
 
     def render(self) -> Any:
         """A frame, shape (height, width, 3), uint8, in mode "rgb_array"; shows one on the screen in mode "human".
 
         Raises:
+            ResetNeeded: the environment was never reset.
             DependencyNotInstalled: pygame isn't there; the message says how to install it.
         """
+        if not self._started:
+            raise gym.error.ResetNeeded("render called before reset: call reset first")
         if self.render_mode is None:
             gym.logger.warn('render called without a render_mode: gym.make(..., render_mode="rgb_array") sets one.')
             return None
@@ -313,12 +317,12 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             raise ValueError(f"action = {action!r}: must be finite")
         raise FloatingPointError(f"{failure(status)} (state {self._full_state}, {self._parameters})")
 
-    def _info(self, told: kernels.Told) -> dict[str, Any]:
-        """The info about the last step."""
-        # One display of all entries: a mapping that grows entry by entry takes half as long again.
-        _, time, energy, excess, error, work, dissipated, _, _, of_energy, posture, stillness, centring, effort = told
+    def _answer(self, told: kernels.Told) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
+        """What `step` returns; the info in one display, since a mapping that grows takes half as long again."""
+        _, time, energy, excess, error, work, dissipated, reward, ended, r0, r1, r2, r3, r4 = told
+        info: dict[str, Any]
         if self._actuated:
-            return {
+            info = {
                 "time": time,
                 "energy": energy,
                 "excess_energy": excess,
@@ -327,21 +331,23 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
                 "dissipated": dissipated,
                 "parameters": self._constants.copy(),
                 "force": self._copy_force(),
-                "reward_energy": of_energy,
-                "reward_posture": posture,
-                "reward_stillness": stillness,
-                "reward_centring": centring,
-                "reward_effort": effort,
+                "reward_energy": r0,
+                "reward_posture": r1,
+                "reward_stillness": r2,
+                "reward_centring": r3,
+                "reward_effort": r4,
             }
-        return {
-            "time": time,
-            "energy": energy,
-            "excess_energy": excess,
-            "energy_error": error,
-            "work": work,
-            "dissipated": dissipated,
-            "parameters": self._constants.copy(),
-        }
+        else:
+            info = {
+                "time": time,
+                "energy": energy,
+                "excess_energy": excess,
+                "energy_error": error,
+                "work": work,
+                "dissipated": dissipated,
+                "parameters": self._constants.copy(),
+            }
+        return self._observe(), reward, ended, False, info
 
 
 def _before_reset(_address: int, _x: float, _y: float, _z: float) -> kernels.Told:
