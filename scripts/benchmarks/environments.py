@@ -31,7 +31,7 @@ which would otherwise drive the motion on and on."""
 
 
 class EmptyEnv(gym.Env[FloatArray, Any]):
-    """Does nothing: what Gymnasium's default wrappers cost."""
+    """Does nothing: what all of Gymnasium's default wrappers cost."""
 
     observation_space = gym.spaces.Box(-np.inf, np.inf, (18,), np.float64)
     action_space = gym.spaces.Box(-1.0, 1.0, (3,), np.float32)
@@ -49,14 +49,20 @@ class EmptyEnv(gym.Env[FloatArray, Any]):
         return self._observation, 0.0, False, False, {}
 
 
-def single_steps(env_id: str, name: str | None = None) -> Subject:
-    """Steps of gym.make(env_id) with its default wrappers and random actions; episodes that end start anew."""
+def single_steps(env_id: str, name: str | None = None, *, checked: bool = False) -> Subject:
+    """Steps of gym.make(env_id) with its default wrappers and random actions; episodes that end start anew.
+
+    Ours are registered without the wrappers that check an environment and the order of calls; `checked` puts them on.
+    """
     if env_id == EMPTY_ID and env_id not in gym.registry:
         gym.register(EMPTY_ID, entry_point=lambda **_: EmptyEnv(), max_episode_steps=500)
     try:
         env: Any = gym.make(env_id)
     except gym.error.DependencyNotInstalled:
         raise SkippedError(f"{env_id}: MuJoCo not installed, skipped") from None
+    if checked:
+        checker = gym.wrappers.OrderEnforcing(gym.wrappers.PassiveEnvChecker(env.unwrapped))
+        env = gym.wrappers.TimeLimit(checker, env.spec.max_episode_steps)
     env.action_space.seed(0)
     actions = itertools.cycle([env.action_space.sample() for _ in range(PREPARED)])
     env.reset(seed=0)

@@ -16,10 +16,12 @@ MUST_REACH: dict[str, Target] = {
 
 
 def measure(bench: Bench) -> None:
-    """Single steps through gym.make with default wrappers and the whole info."""
+    """Single steps through gym.make, wrapped as registered, with the whole info."""
     names = {EMPTY_ID: EMPTY}
     ids = (DAMPING, EMPTY_ID, "CartPole-v1", "Pendulum-v1", "Acrobot-v1", "InvertedDoublePendulum-v5")
-    subjects = installed([partial(single_steps, env_id, names.get(env_id)) for env_id in ids], bench.say)
+    makers = [partial(single_steps, env_id, names.get(env_id)) for env_id in ids]
+    makers.append(partial(single_steps, DAMPING, "ours, with the checking wrappers that are default", checked=True))
+    subjects = installed(makers, bench.say)
     ours, *others = bench.timings(subjects)
     for subject, theirs in zip(subjects[1:], others, strict=True):
         target = MUST_REACH.get(subject.name)
