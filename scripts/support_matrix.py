@@ -32,8 +32,11 @@ PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 CORE = ("gymnasium", "numpy", "scipy", "numba")
 TRAINING = ("gymnasium", "stable-baselines3", "sb3-contrib", "torch", "numpy", "numba")
 
-CORE_TESTS = ("test_environments", "test_vector_env", "test_properties", "test_tasks", "test_equilibria", "test_simulation")
-TRAINING_TESTS = ("test_environments", "test_properties", "test_sb3", "test_policies", "test_agents")
+CORE_TESTS = (
+    "test_environments", "test_vector_env", "test_properties", "test_processes", "test_tasks", "test_equilibria",
+    "test_simulation",
+)  # fmt: skip
+TRAINING_TESTS = ("test_environments", "test_processes", "test_sb3", "test_policies", "test_agents")
 TOOLS = ("pytest>=8", "hypothesis>=6.100")
 
 TRAINED_ON = "3.11"
