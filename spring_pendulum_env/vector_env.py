@@ -285,7 +285,11 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the threads and the renderers, which a copy makes for itself."""
-        return self.__dict__ | {"_pool": None, "_renderers": {}}
+        return self.__dict__ | {"_pool": None, "_renderers": {}, "_shown_constants": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        _read_only(self._all)  # which copying forgets
 
     def _advance_rows(self, rows: NDArray[np.intp], actions: FloatArray, results: _Results) -> int:
         """One control period of some rows; the largest STATUS."""

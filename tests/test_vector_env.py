@@ -169,8 +169,11 @@ def test_infos_handed_out_are_not_changed_later() -> None:
     for _ in range(80):
         env.step(env.action_space.sample())
     assert pickle.dumps((observations, infos)) == kept
-    with pytest.raises(ValueError, match="read-only"):
-        infos["parameters"]["k1"][:] = 0.0
+    for one in (env, copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
+        _, infos = one.reset()
+        for shared in (infos["parameters"]["k1"], infos["_time"]):
+            with pytest.raises(ValueError, match="read-only"):
+                shared[:] = 0.0
 
 
 @pytest.mark.parametrize("wrap", [RecordEpisodeStatistics, NormalizeObservation, NormalizeReward])
