@@ -7,7 +7,8 @@ READY = $(VENV)/ready
 BENCH_VENV ?= .venv-bench
 ZOO_VENV ?= .venv-zoo
 
-.PHONY: help install demo test check accuracy paper bench leaderboard play docs zoo wheel-test clean
+.PHONY: help install demo test check accuracy paper bench leaderboard play docs zoo wheel-test fuzz matrix coverage \
+	mutants audit clean
 
 help:
 	@echo "make demo        train a damping policy, compare it with doing nothing and LQR, draw the results (in runs/)"
@@ -21,6 +22,11 @@ help:
 	@echo "make play        open docs/live.html in the browser: drag the pendulum, compare solvers, switch a policy on"
 	@echo "make docs        build the documentation (in site/)"
 	@echo "make wheel-test  build the wheel and try it in an empty environment with the core dependencies alone"
+	@echo "make fuzz        10 million steps with random parameters: finite numbers or a clear error (in runs/fuzz)"
+	@echo "make matrix      the versions that pyproject.toml allows, installed and tested (in build/matrix)"
+	@echo "make coverage    what of the sources the tests run"
+	@echo "make mutants     which changes to the equations, equilibria and tasks no test notices (in build/mutants)"
+	@echo "make audit       known vulnerabilities of the versions in constraints.txt"
 	@echo "make install     only make the virtual environment, $(VENV)"
 	@echo "make clean       remove what these commands made"
 
@@ -90,6 +96,30 @@ docs: $(READY)
 wheel-test: $(READY)
 	$(BIN)/python -m pytest tests/test_wheel.py $(PYTEST)
 
+# What the targets below need besides.
+TRUST = $(VENV)/trust
+$(TRUST): $(READY)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[trust]'
+	@touch $@
+
+# All that can run for long goes on where it stopped.
+fuzz: $(READY)
+	$(BIN)/python scripts/fuzz.py $(FUZZ)
+
+matrix: $(TRUST)
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python scripts/support_matrix.py $(MATRIX)
+
+mutants: $(TRUST)
+	$(BIN)/python scripts/mutants.py $(MUTANTS)
+
+# Python can't trace what numba compiled; tests/test_plain_python.py runs the same sources without numba, and is traced.
+coverage: $(TRUST)
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --cov --cov-report=term:skip-covered $(PYTEST)
+
+# Anything that can't be looked up counts as a failure.
+audit: $(TRUST)
+	$(BIN)/pip-audit --strict --disable-pip --no-deps --requirement constraints.txt
+
 clean:
-	rm -rf $(VENV) $(BENCH_VENV) $(ZOO_VENV) build dist site .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(BENCH_VENV) $(ZOO_VENV) build dist site .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage*
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from spring_pendulum_env import integrators, kernels, layout
 from spring_pendulum_env.physics import AXES, Parameters
-from spring_pendulum_env.scenario import Arguments, Scenario
+from spring_pendulum_env.scenario import Arguments, Scenario, real_numbers
 from spring_pendulum_env.tasks import task_named
 
 FloatArray = NDArray[np.float64]
@@ -119,7 +119,10 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
     | `actuated_axes` | "xyz" | axes along which the anchor moves; along the others it is held (actuated) |
     | `equilibrium` | "inverted-inverted" | "hanging-hanging", "hanging-inverted", "inverted-hanging" or "inverted-inverted", spring 1 named first (stabilisation) |
 
-    A wrong argument, option, state or action raises a `ValueError` that names it and says what is allowed.
+    A wrong argument, option, state or action raises a `ValueError` that names it and says what is allowed. So do
+    parameters with which one control period would take the splitting more than 62,500 steps: springs too stiff, masses
+    too light, or a period too long (beyond 1,250 s with the defaults). The adaptive scheme gives up after a million
+    steps in one control period, which is a `FloatingPointError`. So no step takes longer than a few seconds.
 
     ## Version History
 
@@ -258,7 +261,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         try:
             x, y, z = self._numbers_of(action)
             told = self._advance(self._address, x, y, z)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             told = self._advance(self._address, *self._checked_action(action))
         if told[0]:  # not layout.FINE, which would take time to look up
             told = self._second_try(told, action)
@@ -296,8 +299,8 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         if action is None and not self.scenario.task.actuated:
             return 0.0, 0.0, 0.0
         try:
-            numbers = np.asarray(action).astype(np.float64, casting="same_kind")
-        except (TypeError, ValueError):
+            numbers = real_numbers(action)
+        except (TypeError, ValueError, OverflowError):
             raise ValueError(f"action = {action!r}: must be {self._action_shape[0]} numbers") from None
         if numbers.shape != self._action_shape:
             raise ValueError(f"action of shape {numbers.shape}: must have shape {self._action_shape}")

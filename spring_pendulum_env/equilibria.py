@@ -65,7 +65,7 @@ def spring_lengths(parameters: Parameters, name: str) -> tuple[float, float]:
     Raises:
         ValueError: an unknown name, or an equilibrium that the springs can't hold.
     """
-    if name not in EQUILIBRIA:
+    if not isinstance(name, str) or name not in EQUILIBRIA:
         raise ValueError(f"equilibrium = {name!r}: must be one of {', '.join(EQUILIBRIA)}")
     heights = []
     p = parameters

@@ -41,7 +41,10 @@ GUARD_TOLERANCE = 1e-13
 """Tolerance of the adaptive scheme where it takes over."""
 
 MOST_STEPS = 1_000_000
-"""The adaptive scheme gives up after so many tries in one control period."""
+"""The adaptive scheme gives up after so many tries in one control period ..."""
+
+MOST_FIXED_STEPS = MOST_STEPS // FINEST
+"""... and the splitting is refused where it would need more than so many: as many again after the last refinement."""
 
 
 def _splitting(b: list[float], a: list[float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

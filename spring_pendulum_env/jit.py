@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import hashlib
 import os
 import shutil
@@ -80,7 +81,14 @@ def _floats_at(_typing: Any, _address: Any) -> Any:
     return types.CPointer(types.float64)(types.intp), generate  # type: ignore[no-untyped-call]
 
 
-floats_at: Any = intrinsic(_floats_at)
+def _floats_at_in_python(address: int) -> Any:
+    return ctypes.cast(address, ctypes.POINTER(ctypes.c_double))
+
+
+DISABLED: bool = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
+"""Whether NUMBA_DISABLE_JIT=1 has everything run in plain Python, to be debugged or traced, a thousand times slower."""
+
+floats_at: Any = _floats_at_in_python if DISABLED else intrinsic(_floats_at)
 carray: Any = numba.carray  # type: ignore[attr-defined]
 
 

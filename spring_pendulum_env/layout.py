@@ -113,25 +113,65 @@ def settings_of(scenario: Scenario, time_limit: float = math.inf) -> FloatArray:
 
 def steps_in(control_period: float, constants: tuple[float, ...]) -> int:
     """How many equal steps of the splitting a control period needs: no step longer than LONGEST_STEP, none in which
-    the fastest mode of the springs turns further than LARGEST_PHASE."""
+    the fastest mode of the springs turns further than LARGEST_PHASE.
+
+    Raises:
+        ValueError: the frequency of that mode is beyond the range of floating-point numbers.
+    """
     w0x, w0y, w0z, w1, w2, k1, k2 = constants[:7]
     fastest: float = physics.fastest_frequency(max(w0x, w0y, w0z), w1, w2, k1, k2)
     needed = control_period * max(1.0 / integrators.LONGEST_STEP, fastest / integrators.LARGEST_PHASE)
+    if not math.isfinite(needed + fastest):
+        raise ValueError(
+            f"parameters k1 = {k1}, k2 = {k2} with these masses: the springs' frequency is beyond the range of "
+            "floating-point numbers; must be softer springs or heavier masses"
+        )
     return max(1, math.ceil(needed - 1e-9))
 
 
+def _bounded_steps(scenario: Scenario, parameters: Parameters) -> int:
+    """`steps_in`, if they are so few that a control period of this environment ends in a few seconds.
+
+    Raises:
+        ValueError: they are too many; or as `steps_in`.
+    """
+    steps = steps_in(scenario.control_period, parameters.constants(scenario.actuated_axes))
+    if scenario.tolerance is not None:  # they are only its first guess then
+        return min(steps, integrators.MOST_STEPS)
+    if steps > integrators.MOST_FIXED_STEPS:
+        raise ValueError(
+            f"control_period = {scenario.control_period} with k1 = {parameters.k1}, k2 = {parameters.k2} and these "
+            f"masses: needs {steps:.6g} steps of the splitting, must be at most {integrators.MOST_FIXED_STEPS}; take a "
+            "shorter control_period, softer springs or heavier masses, or the adaptive scheme (tolerance=1e-9)"
+        )
+    return steps
+
+
 def template(scenario: Scenario, parameters: Parameters) -> FloatArray:
-    """All fields of a pendulum with these parameters that was just placed, but for its state; shape (FIELDS,)."""
+    """All fields of a pendulum with these parameters that was just placed, but for its state; shape (FIELDS,).
+
+    Raises:
+        ValueError: with these parameters a control period takes too many steps, or numbers leave the range of
+            floating-point numbers.
+    """
     fields = np.zeros(FIELDS)
-    constants = parameters.constants(scenario.actuated_axes)
     heights = scenario.spring_heights(parameters)
     fields[FRESH] = 1.0
-    fields[PHYSICS : PHYSICS + 11] = constants
-    fields[DRAG : DRAG + 3] = parameters.drag_rates()
-    fields[MASSES : MASSES + 3] = parameters.m0, parameters.m1, parameters.m2
-    fields[HEIGHTS : HEIGHTS + 2] = heights
-    fields[REST_ENERGY] = energy(parameters, vertical_state(*heights))
-    fields[STEPS] = steps_in(scenario.control_period, constants)
+    with np.errstate(all="ignore"):  # what overflows is refused below
+        fields[PHYSICS : PHYSICS + 11] = parameters.constants(scenario.actuated_axes)
+        fields[DRAG : DRAG + 3] = parameters.drag_rates()
+        fields[MASSES : MASSES + 3] = parameters.m0, parameters.m1, parameters.m2
+        fields[HEIGHTS : HEIGHTS + 2] = heights
+        fields[REST_ENERGY] = energy(parameters, vertical_state(*heights))
+    if not np.isfinite(fields).all():
+        raise ValueError(
+            f"parameters = {parameters}: must leave the energy at rest, forces over masses and drag over masses within "
+            "the range of floating-point numbers"
+        )
+    fields[STEPS] = _bounded_steps(scenario, parameters)
+    if parameters is scenario.parameters and scenario.randomise:
+        fastest = {name: low if name[0] == "m" else high for name, (low, high) in scenario.randomise.items()}
+        _bounded_steps(scenario, parameters.replace(fastest))
     return fields
 
 

@@ -83,10 +83,12 @@ class Parameters:
         """A copy with some constants changed; raises like `of`."""
         if isinstance(changes, Parameters):
             return changes
-        if changes is None or changes == {}:
+        if changes is None:
             return self
         if not isinstance(changes, Mapping):
             raise ValueError(f"parameters = {changes!r}: must be a mapping of names to numbers, or Parameters")
+        if not changes:
+            return self
         names = self.names()
         for name in changes:
             if name not in names:

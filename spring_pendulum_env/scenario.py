@@ -29,6 +29,10 @@ SMALLEST_TOLERANCE = 1e-14
 """Below this, rounding alone would keep the adaptive scheme from ever being content."""
 
 
+SMALLEST_SIZE, LARGEST_SIZE = 1e-100, 1e100
+"""Of arguments whose squares and inverses must stay within the range of floating-point numbers."""
+
+
 def positive_number(name: str, value: Any, *, zero: bool = False) -> float:
     """`value` as a float.
 
@@ -36,7 +40,7 @@ def positive_number(name: str, value: Any, *, zero: bool = False) -> float:
         ValueError: it isn't a finite number above zero (or zero, where that is allowed).
     """
     try:
-        number = math.nan if isinstance(value, (str, bool)) else float(value)
+        number = math.nan if isinstance(value, (str, bytes, bool)) else float(value)
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number) or number < 0 or (number == 0 and not zero):
@@ -44,8 +48,34 @@ def positive_number(name: str, value: Any, *, zero: bool = False) -> float:
     return number
 
 
+def _moderate_number(name: str, value: Any) -> float:
+    """A positive number between SMALLEST_SIZE and LARGEST_SIZE; raises like `positive_number`."""
+    number = positive_number(name, value)
+    if not SMALLEST_SIZE <= number <= LARGEST_SIZE:
+        raise ValueError(f"{name} = {value!r}: must be a number from {SMALLEST_SIZE} to {LARGEST_SIZE}")
+    return number
+
+
+def real_numbers(value: Any) -> FloatArray:
+    """`value` as an array of float64; neither text nor complex numbers are taken for numbers.
+
+    Raises:
+        TypeError, ValueError, OverflowError: it isn't one.
+    """
+    array = np.asarray(value)
+    if array.dtype.kind == "O":  # fractions and the like
+        return np.array([_real(entry) for entry in array.flat], dtype=np.float64).reshape(array.shape)
+    return array.astype(np.float64, order="C", casting="same_kind", copy=False)
+
+
+def _real(value: Any) -> float:
+    if isinstance(value, (str, bytes)):
+        raise TypeError(f"{value!r} is text")
+    return float(value)
+
+
 def _tolerance(value: Tolerance, task: Task) -> float | None:
-    if value == "default":
+    if isinstance(value, str) and value == "default":
         return task.tolerance
     if value is None:
         return None
@@ -146,7 +176,7 @@ class Scenario:
                     raise ValueError(f"{name} = {value!r}: the task {task.name!r} takes no such argument")
             max_force, anchor_travel, actuated_axes = 1.0, math.inf, ""
         else:
-            max_force = positive_number("max_force", 20.0 if max_force is None else max_force)
+            max_force = _moderate_number("max_force", 20.0 if max_force is None else max_force)
             anchor_travel = positive_number("anchor_travel", 2.0 if anchor_travel is None else anchor_travel)
             actuated_axes = _axes(AXES if actuated_axes is None else actuated_axes)
         if equilibrium is not None and not task.chooses_equilibrium:
@@ -154,7 +184,7 @@ class Scenario:
         scenario = cls(
             task=task,
             parameters=Parameters.of(arguments.get("parameters")),
-            control_period=positive_number("control_period", arguments.get("control_period", 0.02)),
+            control_period=_moderate_number("control_period", arguments.get("control_period", 0.02)),
             tolerance=_tolerance(arguments.get("tolerance", "default"), task),
             randomise=_ranges(arguments.get("randomise")),
             start_scale=positive_number("start_scale", arguments.get("start_scale", 1.0), zero=True),
@@ -246,8 +276,8 @@ class Scenario:
             ValueError: wrong shape, not finite, or a held axis of the anchor that moves.
         """
         try:
-            given = np.array(state, dtype=np.float64)
-        except (TypeError, ValueError):
+            given = real_numbers(state).copy()
+        except (TypeError, ValueError, OverflowError):
             raise ValueError(f"state = {state!r}: must be {self.state_size} numbers") from None
         if given.shape != (self.state_size,):
             raise ValueError(f"state of shape {given.shape}: must have shape ({self.state_size},)")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import concurrent.futures
 import itertools
 import math
+import operator
+import os
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Unpack
 
@@ -19,7 +21,7 @@ from spring_pendulum_env import kernels, layout
 from spring_pendulum_env.env import checked_render_options, failure
 from spring_pendulum_env.equilibria import BODY_STATE
 from spring_pendulum_env.physics import Parameters
-from spring_pendulum_env.scenario import Arguments, Scenario
+from spring_pendulum_env.scenario import Arguments, Scenario, real_numbers
 from spring_pendulum_env.starts import Starts
 from spring_pendulum_env.tasks import REWARD_TERMS, task_named
 
@@ -83,6 +85,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         # These first, since `close` is called even of an environment whose arguments were refused.
         self._renderers: dict[int, Any] = {}
         self._pool: concurrent.futures.ThreadPoolExecutor | None = None
+        self._pool_process = 0
         self.scenario = Scenario.of(task_named(task), **arguments)
         self.num_envs = _positive_integer("num_envs", num_envs)
         self.threads = _positive_integer("threads", threads)
@@ -94,10 +97,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             raise ValueError(f"render_mode = {render_mode!r}: must be None or 'rgb_array'")
         self.render_mode = render_mode
         self._render_options = checked_render_options(render_options)
-        self.render_rows = range(num_envs) if render_rows is None else list(render_rows)
-        for row in self.render_rows:
-            if row not in range(num_envs):
-                raise ValueError(f"render_rows = {render_rows!r}: {row!r} must be in 0 to {num_envs - 1}")
+        self.render_rows = range(self.num_envs) if render_rows is None else _rows(render_rows, self.num_envs)
         self.metadata = {
             **self.metadata,
             "render_fps": max(1, round(1.0 / self.scenario.control_period)),
@@ -111,8 +111,6 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self._settings = layout.settings_of(self.scenario, self.max_episode_steps)
         self._template = layout.template(self.scenario, self.scenario.parameters)
         self._rows = np.zeros((-(-num_envs // layout.WIDTH), layout.FIELDS, layout.WIDTH))
-        if self.threads > 1:
-            self._pool = concurrent.futures.ThreadPoolExecutor(self.threads)
         self._shares = _shares(num_envs, self.threads)
         terms = {f"reward_{term}": layout.TERMS + place for place, term in enumerate(REWARD_TERMS)}
         terms = terms if self.scenario.task.actuated else {}
@@ -220,7 +218,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         return tuple(self._frame(row) for row in self.render_rows)
 
     def close_extras(self, **_: Any) -> None:
-        """Ends the threads; called by `close`."""
+        """Ends the threads and the renderers; called by `close`."""
         for renderer in self._renderers.values():
             renderer.close()
         self._renderers.clear()
@@ -274,11 +272,27 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self._check(self._advance_rows(rows, self._no_actions, results))
 
     def _advance(self, actions: FloatArray, results: _Results) -> None:
-        if self._pool is None:
+        if len(self._shares) == 1:
             self._check(self._advance_rows(self._shares[0], actions, results))
         else:
             each = (itertools.repeat(argument) for argument in (actions, results))
-            self._check(max(self._pool.map(self._advance_rows, self._shares, *each)))
+            self._check(max(self._threads_here().map(self._advance_rows, self._shares, *each)))
+
+    def _threads_here(self) -> concurrent.futures.ThreadPoolExecutor:
+        """The threads, made when they are first needed: a copy has its own, and so has a forked process, where those of
+        its parent don't run."""
+        if self._pool is None or self._pool_process != os.getpid():
+            self._pool = concurrent.futures.ThreadPoolExecutor(self.threads)
+            self._pool_process = os.getpid()
+        return self._pool
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the threads and the renderers, which a copy makes for itself."""
+        return self.__dict__ | {"_pool": None, "_renderers": {}, "_shown_constants": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        _read_only(self._all)  # which copying forgets
 
     def _advance_rows(self, rows: NDArray[np.intp], actions: FloatArray, results: _Results) -> int:
         """One control period of some rows; the largest STATUS."""
@@ -306,8 +320,8 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         if actions is None and not self.scenario.task.actuated:
             return self._no_actions
         try:
-            numbers = np.ascontiguousarray(actions, dtype=np.float64)
-        except (TypeError, ValueError):
+            numbers = real_numbers(actions)
+        except (TypeError, ValueError, OverflowError):
             raise ValueError(f"actions = {actions!r}: must be numbers of shape {shape}") from None
         if numbers.shape != shape:
             raise ValueError(f"actions of shape {numbers.shape}: must have shape {shape}")
@@ -336,13 +350,12 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             checked["reset_mask"] = mask
         if checked.get("state") is not None:
             try:
-                state = np.asarray(checked["state"], dtype=np.float64)
+                state = real_numbers(checked["state"])
                 checked["state"] = np.broadcast_to(state, (self.num_envs, self.scenario.state_size))
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 size = self.scenario.state_size
                 raise ValueError(
-                    f"state of shape {np.shape(checked['state'])}: must be numbers of shape ({size},) or "
-                    f"({self.num_envs}, {size})"
+                    f"state = {checked['state']!r}: must be numbers of shape ({size},) or ({self.num_envs}, {size})"
                 ) from None
         if isinstance(checked.get("parameters"), Parameters):
             checked["parameters"] = checked["parameters"].as_dict()
@@ -434,9 +447,21 @@ def _positive_integer(name: str, value: Any) -> int:
     return int(value)
 
 
+def _rows(value: Any, num_envs: int) -> list[int]:
+    """`render_rows` as row numbers."""
+    try:
+        rows = [operator.index(row) for row in value]
+    except TypeError:
+        raise ValueError(f"render_rows = {value!r}: must be a sequence of row numbers") from None
+    for row in rows:
+        if not 0 <= row < num_envs:
+            raise ValueError(f"render_rows = {value!r}: {row} must be in 0 to {num_envs - 1}")
+    return rows
+
+
 def _mode(value: AutoresetMode | str) -> AutoresetMode:
     for mode in AutoresetMode:
-        if value in (mode, mode.value, mode.name):
+        if isinstance(value, (str, AutoresetMode)) and value in (mode, mode.value, mode.name):
             return mode
     raise ValueError(f"autoreset_mode = {value!r}: must be one of {', '.join(mode.name for mode in AutoresetMode)}")
 
@@ -444,11 +469,20 @@ def _mode(value: AutoresetMode | str) -> AutoresetMode:
 def _seeds(seed: int | Sequence[int | None] | None, num_envs: int) -> list[int | None]:
     if seed is None:
         return [None] * num_envs
-    if isinstance(seed, (int, np.integer)):
-        return [int(seed) + row for row in range(num_envs)]
-    if len(seed) != num_envs:
-        raise ValueError(f"seed of {len(seed)} numbers: must be one number, or one for each of the {num_envs} rows")
-    return list(seed)
+    try:
+        if np.ndim(seed) == 0:  # type: ignore[arg-type]
+            first = operator.index(seed)  # type: ignore[arg-type]
+            seeds: list[int | None] = [first + row for row in range(num_envs)]
+        else:
+            seeds = [None if one is None else operator.index(one) for one in seed]  # type: ignore[union-attr]
+    except (TypeError, ValueError):
+        raise ValueError(f"seed = {seed!r}: must be an integer, or one (or None) for each row") from None
+    if len(seeds) != num_envs:
+        raise ValueError(f"seed of {len(seeds)} numbers: must be one number, or one for each of the {num_envs} rows")
+    for one in seeds:
+        if one is not None and one < 0:
+            raise ValueError(f"seed = {seed!r}: must not be negative")
+    return seeds
 
 
 def _shares(num_envs: int, threads: int) -> list[NDArray[np.intp]]:

@@ -17,7 +17,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import spring_pendulum_env
-from spring_pendulum_env import EQUILIBRIA, Parameters
+from spring_pendulum_env import EQUILIBRIA, Parameters, integrators
 from spring_pendulum_env.tasks import REWARD_TERMS, TASKS
 
 IDS = list(TASKS)
@@ -361,6 +361,7 @@ WRONG_ARGUMENTS = [
     (DAMPING, {"parameters": {"k1": 0.0}}, "k1"),
     (PASSIVE, {"control_period": 0.0}, "control_period"),
     (PASSIVE, {"control_period": "fast"}, "control_period"),
+    (PASSIVE, {"control_period": 1e-309}, "control_period"),
     (PASSIVE, {"tolerance": 0.0}, "tolerance"),
     (PASSIVE, {"tolerance": 1e-16}, "tolerance"),
     (PASSIVE, {"tolerance": "tight"}, "tolerance"),
@@ -376,13 +377,24 @@ WRONG_ARGUMENTS = [
     (PASSIVE, {"equilibrium": "hanging-hanging"}, "equilibrium"),
     (DAMPING, {"equilibrium": "hanging-hanging"}, "equilibrium"),
     (DAMPING, {"max_force": 0.0}, "max_force"),
+    (DAMPING, {"max_force": 1e-200}, "max_force"),  # its square is zero, and the effort 0 / 0
+    (DAMPING, {"max_force": 1e200}, "max_force"),
     (DAMPING, {"anchor_travel": -2.0}, "anchor_travel"),
     (DAMPING, {"actuated_axes": "xw"}, "actuated_axes"),
     (DAMPING, {"actuated_axes": "xx"}, "actuated_axes"),
     (DAMPING, {"actuated_axes": 3}, "actuated_axes"),
     (STABILISATION, {"equilibrium": "upright"}, "equilibrium"),
+    (STABILISATION, {"equilibrium": np.zeros(2)}, "equilibrium"),
     (STABILISATION, {"parameters": {"k2": 5.0}}, "spring 2"),
     (STABILISATION, {"randomise": {"k2": (5.0, 100.0)}}, "spring 2"),
+    # Too much work for one step, and numbers that leave the range.
+    (DAMPING, {"control_period": 2000.0}, "control_period = 2000.0 .* 100000 steps"),
+    (DAMPING, {"parameters": {"k1": 1e5, "m1": 1e-3}, "control_period": 10.0}, "control_period .* k1 = 100000.0"),
+    (DAMPING, {"randomise": {"k1": (100.0, 1e13)}}, "control_period .* k1 = 10000000000000.0"),
+    (DAMPING, {"parameters": {"k1": 1e308, "k2": 1e308, "m1": 1e-3}}, "k1 = 1e\\+308"),
+    (PASSIVE, {"parameters": {"k1": 1e300, "k2": 1e300}}, "k1 = 1e\\+300"),
+    (PASSIVE, {"parameters": {"g": 1e200}}, "parameters = .*g=1e\\+200"),
+    (PASSIVE, {"parameters": {"R1": 1e308, "m1": 1e-3}}, "parameters = .*R1=1e\\+308"),
 ]
 
 
@@ -392,8 +404,21 @@ def test_wrong_argument_is_named(name: str, kwargs: dict[str, Any], named: str) 
         gym.make(name, **kwargs)
 
 
+def test_work_of_a_step_has_a_ceiling_in_every_episode() -> None:
+    env = gym.make(DAMPING, control_period=1000.0)  # as far as it goes with the usual springs
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"control_period .* k2 = 10000\.0"):
+        env.reset(options={"parameters": {"k2": 1e4}})
+    gym.make(DAMPING, control_period=1000.0, tolerance=1e-6).reset(options={"parameters": {"k2": 1e4}})
+    manual = spring_pendulum_env.SpringPendulumEnv.__doc__ or ""
+    assert f"more than {integrators.MOST_FIXED_STEPS:,} steps" in manual
+
+
 WRONG_OPTIONS = [
     ({"state": np.zeros(5)}, "shape"),
+    ({"state": ["0"] * 18}, "state"),
+    ({"state": np.zeros(18, dtype=complex)}, "state"),
+    ({"state": [10**400] * 18}, "state"),
     ({"state": np.full(18, np.nan)}, "finite"),
     ({"state": "rest"}, "state"),
     ({"states": np.zeros(18)}, "states"),
@@ -420,7 +445,11 @@ def test_held_axis_that_moves_is_refused() -> None:
         env.reset(options={"state": 0.1 * np.eye(18)[11]})
 
 
-@pytest.mark.parametrize("action", [np.zeros(2), np.zeros((1, 3)), 0.5, None, "left", [np.nan, 0, 0], [np.inf, 0, 0]])
+WRONG_ACTIONS = [np.zeros(2), np.zeros((1, 3)), 0.5, None, "left", [np.nan, 0, 0], [np.inf, 0, 0]]
+UNREAL_ACTIONS = [["1", "0", "0"], [1j, 0, 0], np.array([1j, 0, 0]), [10**400, 0, 0], np.array([10**400, 0, 0])]
+
+
+@pytest.mark.parametrize("action", WRONG_ACTIONS + UNREAL_ACTIONS)
 def test_wrong_action_is_refused_and_changes_nothing(action: Any) -> None:
     env = gym.make(DAMPING)
     reference = gym.make(DAMPING)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import multiprocessing
 import pickle
 from collections.abc import Callable
 from typing import Any
@@ -167,8 +169,11 @@ def test_infos_handed_out_are_not_changed_later() -> None:
     for _ in range(80):
         env.step(env.action_space.sample())
     assert pickle.dumps((observations, infos)) == kept
-    with pytest.raises(ValueError, match="read-only"):
-        infos["parameters"]["k1"][:] = 0.0
+    for one in (env, copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
+        _, infos = one.reset()
+        for shared in (infos["parameters"]["k1"], infos["_time"]):
+            with pytest.raises(ValueError, match="read-only"):
+                shared[:] = 0.0
 
 
 @pytest.mark.parametrize("wrap", [RecordEpisodeStatistics, NormalizeObservation, NormalizeReward])
@@ -200,6 +205,8 @@ WRONG_ARGUMENTS = [
     ({"num_envs": 2, "autoreset_mode": "never"}, "autoreset_mode"),
     ({"num_envs": 2, "render_mode": "human"}, "render_mode"),
     ({"num_envs": 2, "render_mode": "rgb_array", "render_rows": [2]}, "render_rows"),
+    ({"num_envs": 2, "render_rows": 1}, "render_rows"),
+    ({"num_envs": 2, "render_rows": [0.5]}, "render_rows"),
     ({"num_envs": 2, "max_episode_steps": 0}, "max_episode_steps"),
     ({"num_envs": 2, "parameters": {"m1": -1}}, "m1"),
 ]
@@ -213,6 +220,9 @@ def test_wrong_argument_is_named(kwargs: dict[str, Any], named: str) -> None:
 
 WRONG_RESETS: list[tuple[dict[str, Any], str]] = [
     ({"seed": [1, 2]}, "seed"),
+    ({"seed": 1.5}, "seed"),
+    ({"seed": "one"}, "seed"),
+    ({"seed": [1, 2, -3]}, "seed"),
     ({"options": {"reset_mask": np.ones(4, dtype=bool)}}, "reset_mask"),
     ({"options": {"reset_mask": np.zeros(3, dtype=bool)}}, "reset_mask"),
     ({"options": {"reset_mask": [1, 0, 1]}}, "reset_mask"),
@@ -230,11 +240,13 @@ WRONG_RESETS: list[tuple[dict[str, Any], str]] = [
 def test_wrong_reset_is_named_and_changes_nothing(reset: dict[str, Any], named: str) -> None:
     env: Any = gym.make_vec(DAMPING, num_envs=3)
     env.reset(seed=0)
-    before = env.states.tobytes()
+    twin: Any = copy.deepcopy(env)
     with pytest.raises(ValueError, match=named):
         env.reset(**reset)
-    assert env.states.tobytes() == before
+    assert env.states.tobytes() == twin.states.tobytes()
     env.step(env.action_space.sample())
+    if "seed" in reset:  # the random numbers are where they were
+        assert env.reset()[0].tobytes() == twin.reset()[0].tobytes()
 
 
 def test_wrong_actions_name_the_rows_and_change_nothing() -> None:
@@ -243,7 +255,12 @@ def test_wrong_actions_name_the_rows_and_change_nothing() -> None:
     before = env.states.tobytes()
     actions = np.zeros((4, 3))
     actions[[1, 3], 2] = np.nan, np.inf
-    for wrong, named in ((actions, "rows 1, 3"), (np.zeros((4, 2)), "shape"), (None, "actions"), ("up", "actions")):
+    unreal = [np.zeros((4, 3), dtype=complex), [["0"] * 3] * 4, [[10**400] * 3] * 4]
+    for wrong, named in (
+        (actions, "rows 1, 3"),
+        (np.zeros((4, 2)), "shape"),
+        *((wrong, "actions") for wrong in (None, "up", *unreal)),
+    ):
         with pytest.raises(ValueError, match=named):
             env.step(wrong)
     assert env.states.tobytes() == before
@@ -262,6 +279,27 @@ def test_rows_that_ended_must_be_reset_when_autoreset_is_disabled() -> None:
 def test_step_before_reset_is_refused() -> None:
     with pytest.raises(gym.error.ResetNeeded):
         gym.make_vec(DAMPING, num_envs=2).step(np.zeros((2, 3)))
+
+
+def step_in_the_child(env: Any, to_parent: Any) -> None:
+    to_parent.send_bytes(env.step(np.full((200, 3), 0.5))[0].tobytes())
+
+
+def test_threads_outlive_copying_closing_and_forking() -> None:
+    env: Any = gym.make_vec(DAMPING, num_envs=200, threads=2)
+    env.reset(seed=0)
+    env.step(np.zeros((200, 3)))
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    from_child, to_parent = multiprocessing.Pipe(duplex=False)
+    child = multiprocessing.get_context("fork").Process(target=step_in_the_child, args=(env, to_parent))
+    child.start()
+    assert from_child.poll(60), "the child hangs"
+    forked = from_child.recv_bytes()
+    child.join()
+    env.close()
+    for one in (env, *copies):
+        assert one.step(np.full((200, 3), 0.5))[0].tobytes() == forked
+        one.close()
 
 
 def test_states_show_the_anchor_of_the_passive_task_too() -> None:
