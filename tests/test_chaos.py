@@ -413,3 +413,12 @@ def test_quick_and_missing_settings(tmp_path: Path) -> None:
     assert config.read_study(quick=True).starts < config.read_study().starts
     with pytest.raises(ValueError, match="cannot be read"):
         config.read_study(tmp_path / "none.yaml")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [(([np.nan], [1.0]), "angles"), (([0.0], [np.nan]), "energies"), (([0.0], [1.0], np.nan), "heading = nan")],
+)
+def test_throws_need_finite_numbers(arguments: Any, named: str) -> None:
+    with pytest.raises(ValueError, match=f"{named}.*must be.*finite"):
+        thrown_straight(None, *arguments)

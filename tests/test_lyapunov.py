@@ -182,6 +182,12 @@ def test_spectrum_of_a_chaotic_motion() -> None:
     np.testing.assert_allclose(found.convergence[-1], found.exponents, rtol=0, atol=1e-12)
 
 
+def test_spectrum_is_refused_where_rounding_hides_it() -> None:
+    """After so long an interval all displacements are the fastest one and its rounding."""
+    with pytest.raises(ArithmeticError, match="smaller interval"):
+        lyapunov_spectrum(None, REFERENCE["chaotic_3_3d_high"]["initial_state"], 200.0, interval=50.0, batches=2)
+
+
 def test_drag_shrinks_volumes_at_its_rate() -> None:
     found = lyapunov_spectrum(UNEVEN, START, 20.0, transient=0.0)
     assert found.exponents.sum() == pytest.approx(-3 * (UNEVEN.R1 / UNEVEN.m1 + UNEVEN.R2 / UNEVEN.m2), rel=1e-12)
@@ -212,6 +218,8 @@ def test_seed_is_only_a_direction() -> None:
         ({"transient": -1.0}, "transient = -1.0"),
         ({"interval": 0}, "interval = 0"),
         ({"batches": 1}, "batches = 1"),
+        ({"seed": -1}, "seed = -1"),
+        ({"seed": "a"}, "seed = 'a'"),
         ({"longest_step": 0.0}, "longest_step = 0.0"),
         ({"parameters": {"m1": 0.0}}, "m1"),
     ],

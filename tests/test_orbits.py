@@ -190,5 +190,7 @@ def test_quantities_of_one_state() -> None:
     with_anchor = quantities({"m0": 3.0}, full)
     np.testing.assert_allclose(with_anchor.momentum, [0, 0, 12])
     np.testing.assert_allclose(with_anchor.angular_momentum, [12, 0, 0])
+    with pytest.raises(ValueError, match="must be finite"):
+        quantities(None, np.full(12, np.nan))
     with pytest.raises(ValueError, match="12 or 18"):
         quantities(None, np.zeros(6))

@@ -181,12 +181,12 @@ def _energy(run: Trajectory, motion: Motion, title: str) -> Figure:
 
 
 def figure_8(runs: Runs) -> Figure:
-    """Paths of both masses, with the springs at eight instants of half a period."""
+    """Paths of both masses, with the springs at nine instants of half a period."""
     run, orbit = runs.periodic, runs.periodic_orbit
     figure, axes = plt.subplots(figsize=(6.9, 4.9), layout="constrained")
     exact = simulate(orbit.parameters, orbit.state, np.linspace(0, orbit.period / 2, 9)).states
     for number, state in enumerate(exact):
-        label = "springs, 8 instants\nof a half period" if number == 0 else None
+        label = "springs, 9 instants\nof a half period" if number == 0 else None
         axes.plot([0, state[0], state[3]], [0, state[2], state[5]], color=GREY, linewidth=0.7, alpha=0.8, label=label)
     _paths(axes, run)
     axes.set_title(

@@ -36,10 +36,13 @@ def quantities(parameters: Parameters | Mapping[str, float] | None, states: Arra
         states: positions in m, then velocities in m/s; shape (..., 12), or (..., 18) with the anchor's first.
 
     Raises:
-        ValueError: a wrong parameter or shape.
+        ValueError: a wrong parameter or shape, or a number that isn't finite.
     """
     p = Parameters.of(parameters)
-    columns = np.moveaxis(full_state(states), -1, 0)
+    full = full_state(states)
+    if not np.isfinite(full).all():
+        raise ValueError(f"states = {states!r}: must be finite")
+    columns = np.moveaxis(full, -1, 0)
     masses = p.m0, p.m1, p.m2
     return Quantities(
         energy=np.asarray(energy(p, states)),

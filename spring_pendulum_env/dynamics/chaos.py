@@ -9,6 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spring_pendulum_env.dynamics.checks import finite_number
 from spring_pendulum_env.dynamics.energy_surface import lowest_state
 from spring_pendulum_env.dynamics.megno import Indicators, chaos_indicators
 from spring_pendulum_env.equilibria import energy
@@ -72,11 +73,14 @@ def thrown_straight(
         Shape (n, 12), m and m/s; rows of nan where the energy doesn't suffice to stand still at the angle.
 
     Raises:
-        ValueError: a wrong parameter, or k1 = 0 or k2 = 0, where there is no rest.
+        ValueError: a wrong parameter, a number that isn't finite, or k1 = 0 or k2 = 0, where there is no rest.
     """
     p = Parameters.of(parameters)
+    finite_number("heading", heading)
     rest = lowest_state(p)
     angles, energies = np.broadcast_arrays(np.asarray(angles, dtype=np.float64), np.asarray(energies, dtype=np.float64))
+    if not (np.isfinite(angles).all() and np.isfinite(energies).all()):
+        raise ValueError(f"angles = {angles}, energies = {energies}: must be finite")
     sine, cosine, zero = np.sin(angles), np.cos(angles), np.zeros(angles.shape)
     sideways = np.sin(heading)
     outward = np.stack([sine, zero, -cosine], axis=-1)
@@ -133,8 +137,7 @@ def chaos_map(
     up = _axis("energies", energies)
     if up[0] < 0:
         raise ValueError(f"energies = {up[0]:g} J and more: must be >= 0, they count from hanging rest")
-    if isinstance(heading, (str, bool)) or not np.isfinite(heading):
-        raise ValueError(f"heading = {heading!r}: must be a finite number")
+    finite_number("heading", heading)
     starts = thrown_straight(parameters, across[None, :], up[:, None], heading)
     possible: NDArray[np.bool_] = np.asarray(np.isfinite(starts).all(axis=-1))
     if not possible.any():

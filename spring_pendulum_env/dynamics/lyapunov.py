@@ -28,6 +28,9 @@ from spring_pendulum_env.scenario import positive_number
 
 FloatArray = NDArray[np.float64]
 
+SPREAD = 1e-12
+"""Smallest growth in an interval over the largest, below which rounding hides the smallest of a spectrum."""
+
 
 @dataclasses.dataclass(frozen=True)
 class LyapunovExponent:
@@ -98,7 +101,7 @@ def lyapunov_exponent(
     """
     start = checked_state(state)
     flow = Flow(parameters, longest_step)
-    directions = np.random.default_rng(seed).standard_normal((12, 1))
+    directions = np.random.default_rng(whole_number("seed", seed, 0)).standard_normal((12, 1))
     rates, times, end = _growth(
         flow, start[None, :], directions, duration, transient, interval, batches, progress, together=False
     )
@@ -133,7 +136,7 @@ def lyapunov_spectrum(
     """
     start = checked_state(state)
     flow = Flow(parameters, longest_step)
-    directions = np.linalg.qr(np.random.default_rng(seed).standard_normal((12, 12)))[0]
+    directions = np.linalg.qr(np.random.default_rng(whole_number("seed", seed, 0)).standard_normal((12, 12)))[0]
     rates, times, end = _growth(
         flow, np.tile(start, (12, 1)), directions, duration, transient, interval, batches, progress, together=True
     )
@@ -171,7 +174,7 @@ def lyapunov_exponents(
     Raises: as `lyapunov_exponent`.
     """
     starts = checked_states(states)
-    directions = np.random.default_rng(seed).standard_normal((12, len(starts)))
+    directions = np.random.default_rng(whole_number("seed", seed, 0)).standard_normal((12, len(starts)))
     rates, _, _ = _growth(
         Flow(parameters, longest_step),
         starts, directions, duration, transient, interval, batches, progress, together=False,
@@ -241,6 +244,7 @@ def _growth(
             if together:
                 points[12:], triangle = np.linalg.qr(points[12:])
                 grown = np.abs(np.diag(triangle))
+                _told_apart(grown, interval)
             else:
                 grown = np.linalg.norm(points[12:], axis=0)
                 points[12:] /= grown
@@ -250,6 +254,19 @@ def _growth(
     if not np.isfinite(rates).all():
         raise ArithmeticError(f"a displacement vanished within {interval:g} s: use a smaller interval")
     return rates[before:], interval * np.arange(1.0, count + 1), points[:12].T.copy()
+
+
+def _told_apart(grown: FloatArray, interval: float) -> None:
+    """Whether displacements that were orthogonal an interval ago still are more than rounding of the fastest one.
+
+    Raises:
+        ArithmeticError: they aren't, so that what is left of the slow ones says nothing.
+    """
+    if not grown.min() > SPREAD * grown.max():
+        raise ArithmeticError(
+            f"displacements can't be told apart after {interval:g} s, in which the fastest grew {grown.max():.1e}-fold "
+            "and the slowest is lost in its rounding: use a smaller interval"
+        )
 
 
 def _running_mean(rates: FloatArray) -> FloatArray:
