@@ -174,7 +174,9 @@ class Stage:
         for number, (episode, renderer) in enumerate(zip(self.episodes, self.renderers, strict=True)):
             picture = self._pygame.image.frombuffer(episode.draw(renderer).tobytes(), self._size, "RGB")
             self._window.blit(picture, (number * self._size[0], 0))
-        state = f"{'paused' if self.paused else 'speed'} {self.speed:g}   start {self.seed}"
+        state = f"{'paused, speed' if self.paused else 'speed'} {self.speed:g}   start {self.seed}"
+        if all(episode.ended for episode in self.episodes):
+            state = f"ended   start {self.seed}: R for another one, B for the same, or --beyond-end to go on"
         hands = "   ".join(HAND_HELP[device] for device in sorted({hand.device for hand in self._hands}))
         self._write(f"{state}   {hands}", self._size[1] + 8, INK)
         self._write(HELP, self._size[1] + 30, DIM)

@@ -69,8 +69,8 @@ def data_of(records: Sequence[Record]) -> dict[str, Any]:
         size=(600, 600),
     )
     reach = scene.reach
-    low, high = np.minimum(low, -0.4 * reach), np.maximum(high, 0.4 * reach)
-    floor = min(float(low[2]) - 0.15 * reach, scene.floor)
+    low, high = np.minimum(low, -0.4 * reach), np.maximum(high + [0.0, 0.0, 0.15 * reach], 0.4 * reach)
+    floor = low[2] = min(float(low[2]) - 0.15 * reach, scene.floor)
     return {
         "task": first.scenario.task.name,
         "actuated": first.scenario.task.actuated,
@@ -79,7 +79,7 @@ def data_of(records: Sequence[Record]) -> dict[str, Any]:
         "maxForce": first.scenario.max_force,
         "period": first.scenario.control_period,
         "reach": reach,
-        "floor": floor,
+        "floor": float(floor),
         "centre": _rounded((low + high) / 2),
         "radius": float(np.linalg.norm(high - low)) / 2,
         "colours": COLOURS,
