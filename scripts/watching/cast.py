@@ -38,6 +38,13 @@ class Hand(StateFeedback):
         return np.tile(np.clip(self.force[self._places], -1.0, 1.0), (len(observations), 1))
 
 
+def described(name: str) -> str:
+    """A player's name for somebody who didn't choose it."""
+    if name in HANDS:
+        return name
+    return {"nothing": "no control", "lqr": "LQR"}.get(name, f"policy {name}")
+
+
 @dataclass(frozen=True)
 class Cast:
     """A task, and those who play it from the same starts: name and controller of each, None in the passive task."""

@@ -16,6 +16,7 @@ from agents.files import write_text
 from spring_pendulum_env import rendering
 from spring_pendulum_env.canvas import GROUND, SKY
 from spring_pendulum_env.scene import FIELD_OF_VIEW, camera_axes, look, tension_share
+from watching.cast import described
 from watching.record import Record
 
 HERE = Path(__file__).resolve().parent
@@ -96,7 +97,7 @@ def _player(record: Record) -> dict[str, Any]:
     scene = look(record.scenario, p, bodies[0], record.forces[0], axes=camera_axes(0.0, 0.0), zoom=1.0, size=(600, 600))
     rest = None if 0.0 in (p.k1, p.k2) else _rounded(scene.targets - bodies[0, 0])
     return {
-        "name": record.name,
+        "name": described(record.name),
         "ended": record.ended,
         "constants": p.as_dict(),
         "tied": [p.k1 > 0.0, p.k2 > 0.0],
