@@ -199,7 +199,12 @@ def test_it_fits_a_phone_and_a_thumb_scrolls_past_it(shown: Any) -> None:
 
 
 def test_numbers_have_a_sign_where_they_need_one(shown: Any) -> None:
-    assert shown.execute_script("return [-0.001, -1.5, 0, 2].map(written)") == ["0.00", "−1.50", "0.00", "2.00"]
+    assert shown.execute_script("return [-0.001, -1.5, 0, 2].map(written)") == [
+        "0.00",
+        "\N{MINUS SIGN}1.50",
+        "0.00",
+        "2.00",
+    ]
 
 
 def test_all_is_in_the_picture_from_every_side(shown: Any) -> None:

@@ -66,8 +66,8 @@ def choose(
 
     Args:
         names: each one of BUILT_IN, a shipped policy, or a run folder.
-        task: passive, damping, stabilisation or swing-up; None: what the first policy among the names was trained for, or
-            damping where there is none.
+        task: passive, damping, stabilisation or swing-up; None: what the first policy among the names was trained
+            for, or damping where there is none.
         equilibrium: of the stabilisation task; None: as for the task.
         parameters: constants that replace those of the task.
         start_scale: multiplies the spread of the start; None: as for the task.

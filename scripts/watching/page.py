@@ -70,7 +70,8 @@ def data_of(records: Sequence[Record]) -> dict[str, Any]:
         size=(600, 600),
     )
     reach = scene.reach
-    low, high = np.minimum(low, -0.4 * reach), np.maximum(high + [0.0, 0.0, 0.15 * reach], 0.4 * reach)
+    high[2] += 0.15 * reach
+    low, high = np.minimum(low, -0.4 * reach), np.maximum(high, 0.4 * reach)
     floor = low[2] = min(float(low[2]) - 0.15 * reach, scene.floor)
     return {
         "task": first.scenario.task.name,
