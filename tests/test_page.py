@@ -177,6 +177,23 @@ def test_dragging_turns_both_scenes_and_a_double_click_turns_them_back(shown: An
     assert all((picture(shown, number) == old).all() for number, old in zip((0, 4), before, strict=True))
 
 
+@pytest.mark.parametrize(("speed", "step"), [(0.25, 1), (1, 4), (4, 16)])
+def test_the_speed_is_kept(shown: Any, speed: float, step: int) -> None:
+    script = """go(0); clock.playing = true; clock.speed = arguments[0]; before = 1000; tick(1080);
+    clock.playing = false; return clock.step;"""
+    assert shown.execute_script(script, speed) == pytest.approx(step)
+
+
+@pytest.mark.parametrize(("pull", "redder"), [(1.0, True), (-1.0, False)])
+def test_springs_are_red_where_they_pull_and_blue_where_they_push(shown: Any, pull: float, redder: bool) -> None:
+    pause(shown)
+    shown.execute_script("for (const one of data.players[0].pulls) one.fill(arguments[0]); draw()", pull)
+    red, green, blue = picture(shown, 0)[:, :3].T
+    reds = ((red > green + 60) & (abs(green - blue) < 30)).sum()
+    blues = ((blue > red + 60) & (blue > green + 40)).sum()
+    assert (reds > 10 * blues + 100) if redder else (blues > 10 * reds + 100)
+
+
 def test_it_fits_a_phone_and_a_thumb_scrolls_past_it(shown: Any) -> None:
     shown.execute_cdp_cmd(
         "Emulation.setDeviceMetricsOverride", {"width": 360, "height": 740, "deviceScaleFactor": 2, "mobile": True}

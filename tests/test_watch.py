@@ -7,6 +7,7 @@ import re
 import runpy
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -205,6 +206,14 @@ def test_keys_hold_step_and_slow(stage: Any) -> None:
     assert one.speed == live.FASTEST
 
 
+@pytest.mark.parametrize(("speed", "steps"), [(0.25, 1), (1.0, 4), (2.0, 8)])
+def test_the_speed_is_kept(stage: Any, speed: float, steps: int) -> None:
+    one = stage("nothing", speed=speed)
+    one._clock = SimpleNamespace(get_time=lambda: 80)  # ms since the last picture
+    one.frame()
+    assert one.episodes[0].time == pytest.approx(0.02 * steps)
+
+
 def test_a_random_start_and_back(stage: Any) -> None:
     one = stage("lqr", "nothing")
     press(one, "space", ".", ".")
@@ -219,11 +228,13 @@ def test_keys_push_along_the_picture(stage: Any) -> None:
     one = stage("keyboard")
     one.renderers[0].azimuth = -90.0  # looking from -y: x to the right
     press(one, "space", "right", ".")
+    assert one.episodes[0].force == pytest.approx([6.0, 0.0, 0.0])
+    press(one, "left shift", ".")
     assert one.episodes[0].force == pytest.approx([20.0, 0.0, 0.0])
     release(one, "right", ".")
     press(one, "up", "w", ".")
     assert one.episodes[0].force == pytest.approx([0.0, 20.0, 20.0])
-    release(one, "up", "w", ".")
+    release(one, "up", "w", "left shift", ".")
     press(one, ".")
     assert not one.episodes[0].force.any()
 
