@@ -50,9 +50,15 @@ def starts() -> list[dict[str, Any]]:
         "Upside down": (equilibrium({}, "inverted-inverted"), "Both springs pressed, the masses above the anchor"),
     }
     return [
-        {"name": name, "about": about, "state": np.round(full_state(state), 6).tolist(), "nudge": name == "Upside down"}
+        {"name": name, "about": about, "state": _rounded(full_state(state)), "nudge": name == "Upside down"}
         for name, (state, about) in offered.items()
     ]
+
+
+def _rounded(state: Any) -> list[float]:
+    """To a micrometre; without -0, whose sign is a matter of the machine's arithmetic."""
+    numbers: list[float] = (np.round(state, 6) + 0.0).tolist()
+    return numbers
 
 
 def core() -> str:

@@ -26,7 +26,10 @@ def main() -> None:
     parser = commands.Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
     add("who", nargs="*", default=["inverted-inverted"], metavar="WHO", help="(default: inverted-inverted)")
-    add("--task", help="passive, damping or stabilisation (default: what the first policy was trained for, or damping)")
+    add(
+        "--task",
+        help="passive, damping, stabilisation or swing-up (default: what the first policy was trained for, or damping)",
+    )
     add("--equilibrium", help="of the stabilisation task; spring 1 named first")
     add("--seed", type=int, default=0, help="of the start (default: %(default)s)")
     add("--start-scale", type=float, help="multiplies the spread of the start")

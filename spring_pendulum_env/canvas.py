@@ -6,6 +6,7 @@ Lines are anti-aliased as they are drawn, which costs less than shrinking a larg
 from __future__ import annotations
 
 import os
+import sys
 from functools import lru_cache
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -49,6 +50,9 @@ def open_window(size: tuple[int, int], caption: str) -> tuple[pygame.Surface, Mo
     module = import_pygame()
     display = module.display
     try:
+        # Asked without a screen, SDL's libraries complain on stderr by themselves.
+        if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"))):
+            raise module.error("neither DISPLAY nor WAYLAND_DISPLAY is set")
         display.init()
         # Without a screen SDL draws into nothing and says no word; who wants that names the driver.
         if display.get_driver() == "offscreen" and "SDL_VIDEODRIVER" not in os.environ:
@@ -78,13 +82,21 @@ class Canvas:
         self.surface: pygame.Surface = self.pygame.Surface((width, height), 0, 24, masks)
         for y, colour in enumerate(self.over(SKY, np.arange(height), np.zeros(height))):
             self.surface.fill(colour, (0, y, width, 1))
-        self._sky = self.surface.copy()
+        self._sky, self._kept = self.surface.copy(), self.surface.copy()
         self.pygame.font.init()
         self._rendered = lru_cache(64)(self.pygame.font.Font(None, round(20 * self.unit)).render)
 
     def clear(self) -> None:
         """Leaves nothing but the background."""
         self.surface.blit(self._sky, (0, 0))
+
+    def keep(self) -> None:
+        """Remembers the picture as it is now."""
+        self._kept.blit(self.surface, (0, 0))
+
+    def restore(self) -> None:
+        """Goes back to the picture that was remembered last."""
+        self.surface.blit(self._kept, (0, 0))
 
     def picture(self) -> NDArray[np.uint8]:
         """A copy as an array, shape (height, width, 3)."""

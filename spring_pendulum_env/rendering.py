@@ -20,7 +20,7 @@ from spring_pendulum_env.canvas import SKY, Canvas, Colour, mix, open_window
 from spring_pendulum_env.equilibria import energy, vertical_state
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import Scenario, positive_number
-from spring_pendulum_env.scene import FIELD_OF_VIEW, Scene, camera_axes, look, tension_share
+from spring_pendulum_env.scene import FIELD_OF_VIEW, Scene, camera_axes, cross, look, tension_share
 
 if TYPE_CHECKING:
     import pygame
@@ -118,6 +118,7 @@ class Renderer:
         self._canvas = Canvas(self._width, self._height)
         self._pygame = self._canvas.pygame
         self._window = self._open() if render_mode == "human" else None
+        self._view: tuple[object, ...] = ()  # of the ground that the canvas keeps
         self._balls = [self._canvas.ball(colour) for colour in MASSES]
         self.forget()
 
@@ -186,6 +187,7 @@ class Renderer:
             size=(self._width, self._height),
         )
         self._draw_ground(scene)
+        self._draw_shadows(scene)
         self._draw_trails(scene)
         self._draw_task(scene)
         self._draw_bodies(scene)
@@ -204,7 +206,10 @@ class Renderer:
         self._history = np.vstack([kept[:-1] if crowded else kept, row])
 
     def _draw_ground(self, scene: Scene) -> None:
-        """A grid that fades into the distance; the shadows on it show how near the bodies are."""
+        """A grid that fades into the distance, kept for as long as the camera stands still."""
+        if self._view == scene.view:
+            self._canvas.restore()
+            return
         self._spacing = round_number(scene.distance * math.tan(FIELD_OF_VIEW / 2) / 3.5)
         self._canvas.clear()
         ticks = self._spacing * np.arange(-5, 6)
@@ -217,6 +222,11 @@ class Renderer:
             seen = opacity > 0.04
             starts, ends = lines[:, :-1][seen], lines[:, 1:][seen]
             self._canvas.lines(self._canvas.over(GRID, starts[:, 1], opacity[seen]), starts, ends)
+        self._canvas.keep()
+        self._view = scene.view
+
+    def _draw_shadows(self, scene: Scene) -> None:
+        """On the ground: they show how near the bodies are."""
         feet = scene.bodies * [1.0, 1.0, 0.0] + [0.0, 0.0, scene.floor]
         pixels = scene.project(feet)[0]
         tied = np.array([scene.parameters.k1, scene.parameters.k2]) > 0.0
@@ -301,14 +311,14 @@ class Renderer:
         direction = along / length
         colour = tension_colour(tension_share(scene.parameters, along, k, L))
         slimness = min(max(L / length, 0.3), 1.4)
-        side = np.cross(direction, scene.axes[2])
+        side = cross(direction, scene.axes[2])
         side = side / np.linalg.norm(side) if np.linalg.norm(side) > 1e-9 else scene.axes[0]
         share = np.linspace(0.0, 1.0, COILS * COIL_POINTS + 1)
         turn = 2.0 * math.pi * COILS * share
         radius = 0.048 * scene.reach * slimness * np.clip(9.0 * np.minimum(share, 1.0 - share), 0.0, 1.0)
         first, last = (min(0.85 * size, 0.4 * length) for size in scene.sizes[end - 1 : end + 1])
         points = scene.bodies[end - 1] + np.outer(first + share * (length - first - last), direction)
-        points += np.outer(radius * np.sin(turn), side) + np.outer(radius * np.cos(turn), np.cross(side, direction))
+        points += np.outer(radius * np.sin(turn), side) + np.outer(radius * np.cos(turn), cross(side, direction))
         pixels, scale = scene.project(points)
         width = min(0.013 * scene.reach * float(scale.mean()) / self._canvas.unit * slimness**0.5, 5.0)
         front = np.cos((turn[1:] + turn[:-1]) / 2) > 0.0

@@ -80,7 +80,7 @@ def test_the_numbers_are_those_of_the_episode(records: list[Any], file: Path) ->
 def test_a_name_can_not_break_out_of_the_data(records: list[Any], tmp_path: Path) -> None:
     odd = dataclasses.replace(records[0], name="runs/</script><b>")
     page.write(tmp_path / "page.html", [odd])
-    assert data_in(tmp_path / "page.html")["players"][0]["name"] == "runs/</script><b>"
+    assert data_in(tmp_path / "page.html")["players"][0]["name"] == "policy runs/</script><b>"
 
 
 @pytest.fixture(scope="module")
@@ -175,6 +175,68 @@ def test_dragging_turns_both_scenes_and_a_double_click_turns_them_back(shown: An
     assert all((picture(shown, number) != old).any() for number, old in zip((0, 4), before, strict=True))
     ActionChains(shown).double_click(scene).perform()
     assert all((picture(shown, number) == old).all() for number, old in zip((0, 4), before, strict=True))
+
+
+@pytest.mark.parametrize(("speed", "step"), [(0.25, 1), (1, 4), (4, 16)])
+def test_the_speed_is_kept(shown: Any, speed: float, step: int) -> None:
+    script = """go(0); clock.playing = true; clock.speed = arguments[0]; before = 1000; tick(1080);
+    clock.playing = false; return clock.step;"""
+    assert shown.execute_script(script, speed) == pytest.approx(step)
+
+
+@pytest.mark.parametrize(("pull", "redder"), [(1.0, True), (-1.0, False)])
+def test_springs_are_red_where_they_pull_and_blue_where_they_push(shown: Any, pull: float, redder: bool) -> None:
+    pause(shown)
+    shown.execute_script("for (const one of data.players[0].pulls) one.fill(arguments[0]); draw()", pull)
+    red, green, blue = picture(shown, 0)[:, :3].T
+    reds = ((red > green + 60) & (abs(green - blue) < 30)).sum()
+    blues = ((blue > red + 60) & (blue > green + 40)).sum()
+    assert (reds > 10 * blues + 100) if redder else (blues > 10 * reds + 100)
+
+
+def test_it_fits_a_phone_and_a_thumb_scrolls_past_it(shown: Any) -> None:
+    shown.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride", {"width": 360, "height": 740, "deviceScaleFactor": 2, "mobile": True}
+    )
+    try:
+        pause(shown)
+        assert shown.execute_script("return document.documentElement.scrollWidth") <= 360
+        assert shown.execute_script("return getComputedStyle(document.querySelector('canvas')).touchAction") == "pan-y"
+        texts = """const pen = CanvasRenderingContext2D.prototype, fill = pen.fillText, ends = [];
+        pen.fillText = function (text, x, y) {
+          ends.push(this.textAlign === "right" ? x : x + this.measureText(text).width);
+          fill.call(this, text, x, y);
+        };
+        draw();
+        pen.fillText = fill;
+        return Math.max(...ends) - document.querySelector("canvas.plot").clientWidth;"""
+        assert shown.execute_script(texts) <= 0
+    finally:
+        shown.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_numbers_have_a_sign_where_they_need_one(shown: Any) -> None:
+    assert shown.execute_script("return [-0.001, -1.5, 0, 2].map(written)") == [
+        "0.00",
+        "\N{MINUS SIGN}1.50",
+        "0.00",
+        "2.00",
+    ]
+
+
+def test_all_is_in_the_picture_from_every_side(shown: Any) -> None:
+    outside = """let worst = 0;
+    for (camera.azimuth = -180; camera.azimuth < 180; camera.azimuth += 30)
+      for (camera.elevation = -80; camera.elevation <= 80; camera.elevation += 20)
+        for (const player of data.players)
+          for (const row of player.bodies)
+            for (const i of [0, 3, 6]) {
+              const p = lens(400, 400).project(row.slice(i, i + 3));
+              worst = Math.max(worst, Math.abs(p.x - 200), Math.abs(p.y - 200));
+            }
+    Object.assign(camera, HOME);
+    return worst;"""
+    assert shown.execute_script(outside) < 195
 
 
 def test_the_screenshot_is_not_blank(shown: Any, tmp_path: Path) -> None:

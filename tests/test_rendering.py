@@ -77,6 +77,18 @@ def test_same_history_gives_same_bits() -> None:
     assert np.array_equal(picture, drawn(one, state, time=0.02 * number))  # drawing has no effect of its own
 
 
+def test_ground_that_is_kept_is_the_ground_that_is_drawn() -> None:
+    near, far = hanging(), hanging(4.0)
+    shown = renderer(trail=0.0)
+    for state in (far, near, near, far, near):  # the camera moves, stands still, and comes back
+        shown.forget()
+        assert np.array_equal(drawn(shown, state), drawn(renderer(trail=0.0), state))
+    shown.turn(30.0, 10.0)
+    shown.forget()
+    turned = renderer(trail=0.0, azimuth=shown.azimuth, elevation=shown.elevation)
+    assert np.array_equal(drawn(shown, near), drawn(turned, near))
+
+
 def test_each_frame_is_its_own_array() -> None:
     shown = renderer()
     first = drawn(shown, hanging())

@@ -7,6 +7,7 @@ import re
 import runpy
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -107,6 +108,32 @@ def test_gif(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert [file.name for file in path.parent.iterdir()] == ["film.gif"]
 
 
+@pytest.mark.parametrize("fps", [50.0, 25.0, 17.5, 100.0 / 6, 7.0])
+def test_a_gif_loses_no_time_to_its_hundredths_of_a_second(fps: float) -> None:
+    told = film.durations(70, fps)
+    assert all(one % 10 == 0 and one >= 20 for one in told)
+    assert sum(told) == pytest.approx(70_000 / fps, abs=5.0)
+    assert max(told) - min(told) <= 10
+
+
+def test_what_stays_as_it_is_takes_no_room_in_a_gif(tmp_path: Path) -> None:
+    from PIL import Image
+
+    random = np.random.default_rng(0)
+    picture = np.array(film.MASSES, dtype=np.uint8)[random.integers(2, size=(128, 128))]
+    moved = [picture.copy() for _ in range(9)]
+    for number, one in enumerate(moved):  # two far corners change, and all between them stays
+        one[0, 0] = one[-1, -1] = film.PUSH if number % 2 else film.PULL
+    film.write(tmp_path / "still.gif", iter([picture] * 1), 25.0, 1)
+    film.write(tmp_path / "moving.gif", iter(moved), 25.0, 9)
+    still, moving = ((tmp_path / name).stat().st_size for name in ("still.gif", "moving.gif"))
+    assert moving < 2 * still
+    with Image.open(tmp_path / "moving.gif") as gif:
+        for number in range(9):
+            gif.seek(number)
+            assert np.array_equal(np.array(gif.convert("RGB")), moved[number])
+
+
 def test_mp4(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     path = tmp_path / "film.mp4"
@@ -121,10 +148,10 @@ def test_mp4(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["film.mp4"]
 
 
-def test_a_gif_has_256_colours_and_the_important_ones_among_them() -> None:
+def test_the_important_colours_are_among_those_of_a_gif() -> None:
     rendering: Any = importlib.import_module("spring_pendulum_env.rendering")
     colours = film.palette()
-    assert len(colours) == 256
+    assert len(set(colours)) == len(colours) <= 255
     assert {rendering.PUSH, rendering.PULL, rendering.FORCE, rendering.INK, *rendering.MASSES} <= set(colours)
 
 
@@ -179,6 +206,14 @@ def test_keys_hold_step_and_slow(stage: Any) -> None:
     assert one.speed == live.FASTEST
 
 
+@pytest.mark.parametrize(("speed", "steps"), [(0.25, 1), (1.0, 4), (2.0, 8)])
+def test_the_speed_is_kept(stage: Any, speed: float, steps: int) -> None:
+    one = stage("nothing", speed=speed)
+    one._clock = SimpleNamespace(get_time=lambda: 80)  # ms since the last picture
+    one.frame()
+    assert one.episodes[0].time == pytest.approx(0.02 * steps)
+
+
 def test_a_random_start_and_back(stage: Any) -> None:
     one = stage("lqr", "nothing")
     press(one, "space", ".", ".")
@@ -193,11 +228,13 @@ def test_keys_push_along_the_picture(stage: Any) -> None:
     one = stage("keyboard")
     one.renderers[0].azimuth = -90.0  # looking from -y: x to the right
     press(one, "space", "right", ".")
+    assert one.episodes[0].force == pytest.approx([6.0, 0.0, 0.0])
+    press(one, "left shift", ".")
     assert one.episodes[0].force == pytest.approx([20.0, 0.0, 0.0])
     release(one, "right", ".")
     press(one, "up", "w", ".")
     assert one.episodes[0].force == pytest.approx([0.0, 20.0, 20.0])
-    release(one, "up", "w", ".")
+    release(one, "up", "w", "left shift", ".")
     press(one, ".")
     assert not one.episodes[0].force.any()
 
@@ -215,6 +252,18 @@ def test_the_mouse_pulls_towards_the_pointer(stage: Any, monkeypatch: pytest.Mon
     press(one, ".")
     assert one.episodes[1].force == pytest.approx([10.0, 0.0, 0.0], abs=0.5)
     assert not one.episodes[0].force.any()
+
+
+def test_who_has_ended_is_told_how_to_go_on(stage: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    one, written = stage("nothing", "lqr"), []
+    monkeypatch.setattr(one, "_write", lambda text, *_: written.append(text))
+    for episode, ended in ((one.episodes[0], False), (one.episodes[1], True)):
+        episode.ended = "out of bounds"
+        written.clear()
+        one.frame()
+        assert written[0].startswith("ended") == ended
+    press(one, "b")
+    assert written[-2].startswith("speed 1")
 
 
 def test_dragging_turns_all_pictures(stage: Any) -> None:
@@ -275,6 +324,7 @@ def test_the_window_ends_in_time_where_the_episode_ended_before(stage: Any) -> N
         (["nothing", "--parameters", "k9=1"], "unknown parameter 'k9'"),
         (["nothing", "--speed", "0"], "--speed 0: must be"),
         (["nothing", "--seconds", "nan"], "--seconds nan: must be"),
+        (["nothing", "--seconds", "0.001", "--figures", "figures"], "--seconds 0.001: must be at least .*, 0.02"),
         (["nothing", "--seed", "-1"], "--seed -1: must be"),
         (["nothing", "--size", "10", "--video", "film.gif"], "size"),
         (["nothing", "--colour", "red"], "unrecognized arguments: --colour red"),
@@ -312,3 +362,11 @@ def test_no_display(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtu
     monkeypatch.setenv("SDL_VIDEODRIVER", "none_such")
     said = error(monkeypatch, capsys, "nothing", "--task", "passive")
     assert "a window needs a display" in said and "--video FILE" in said
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a screen")
+def test_no_screen(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    for name in ("SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    said = error(monkeypatch, capfd, "nothing", "--task", "passive")  # SDL's libraries write beside Python's stderr
+    assert "a window needs a display (neither DISPLAY nor WAYLAND_DISPLAY is set)" in said

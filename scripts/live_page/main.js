@@ -73,7 +73,7 @@ const sign = (value, digits) => value.toFixed(digits).replace("-", "−");
 const short = (value) => {
   if (value < 1e-16) return "0";
   const n = Math.floor(Math.log10(value));
-  return n > -3 ? value.toPrecision(2) : `${(value / 10 ** n).toFixed(1)} · ${power(n)}`;
+  return n > -3 && n < 3 ? value.toPrecision(2) : `${(value / 10 ** n).toFixed(1)} · ${power(n)}`;
 };
 
 function readOut() {

@@ -1,6 +1,6 @@
 // The picture: a small perspective drawing on a canvas, far things first.
 
-const FLOOR = -3.6; // m, where the grid lies
+const FLOOR = -3.6; // m, where the grid lies; lower, and wider, where the pendulum is long
 const TRAIL = 3; // s
 
 const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -77,18 +77,22 @@ class Scene {
   }
 
   floor(state, colours) {
-    const reach = 5, [x0, y0] = this.target.map(Math.round);
+    let spacing = 1;
+    while (spacing < this.reach / 5) spacing *= 2;
+    const reach = 5, floor = FLOOR * spacing;
+    const at = (i, j) => [x0 + i * spacing, y0 + j * spacing, floor];
+    const [x0, y0] = this.target.map((value) => spacing * Math.round(value / spacing));
     for (let i = -reach; i <= reach; i++)
       for (let j = -reach; j < reach; j++) {
         const alpha = Math.max(0, 1 - Math.hypot(i, j + 0.5) / reach) * 0.8;
-        this.line([[x0 + i, y0 + j, FLOOR], [x0 + i, y0 + j + 1, FLOOR]], colours.grid, 1, alpha);
-        this.line([[x0 + j, y0 + i, FLOOR], [x0 + j + 1, y0 + i, FLOOR]], colours.grid, 1, alpha);
+        this.line([at(i, j), at(i, j + 1)], colours.grid, 1, alpha);
+        this.line([at(j, i), at(j + 1, i)], colours.grid, 1, alpha);
       }
     for (const number of [1, 2]) {
       const [x, y, z] = body(state, number);
-      if (z < FLOOR) continue;
+      if (z < floor) continue;
       const ring = Array.from({ length: 25 }, (_, k) => this.project([
-        x + 0.16 * Math.cos((k * Math.PI) / 12), y + 0.16 * Math.sin((k * Math.PI) / 12), FLOOR]));
+        x + 0.16 * spacing * Math.cos((k * Math.PI) / 12), y + 0.16 * spacing * Math.sin((k * Math.PI) / 12), floor]));
       if (ring.includes(null)) continue;
       this.context.globalAlpha = 0.18;
       this.context.fillStyle = colours.ink;

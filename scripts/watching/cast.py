@@ -38,6 +38,13 @@ class Hand(StateFeedback):
         return np.tile(np.clip(self.force[self._places], -1.0, 1.0), (len(observations), 1))
 
 
+def described(name: str) -> str:
+    """A player's name for somebody who didn't choose it."""
+    if name in HANDS:
+        return name
+    return {"nothing": "no control", "lqr": "LQR"}.get(name, f"policy {name}")
+
+
 @dataclass(frozen=True)
 class Cast:
     """A task, and those who play it from the same starts: name and controller of each, None in the passive task."""
@@ -59,8 +66,8 @@ def choose(
 
     Args:
         names: each one of BUILT_IN, a shipped policy, or a run folder.
-        task: passive, damping or stabilisation; None: what the first policy among the names was trained for, or
-            damping where there is none.
+        task: passive, damping, stabilisation or swing-up; None: what the first policy among the names was trained
+            for, or damping where there is none.
         equilibrium: of the stabilisation task; None: as for the task.
         parameters: constants that replace those of the task.
         start_scale: multiplies the spread of the start; None: as for the task.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spring_pendulum_env import Parameters
 from spring_pendulum_env.rendering import Renderer
-from watching.cast import Cast
+from watching.cast import Cast, described
 
 FloatArray = NDArray[np.float64]
 
@@ -62,7 +62,8 @@ class Episode:
     @property
     def title(self) -> str:
         """Who plays, and how it ended."""
-        return f"{self.name}: {self.ended}" if self.ended else self.name
+        who = described(self.name)
+        return f"{who}: {self.ended}" if self.ended else who
 
     def reset(self, seed: int) -> None:
         """Begin at the start that the task draws with a seed."""

@@ -18,12 +18,13 @@ FloatArray = NDArray[np.float64]
 
 BAR = 52  # pixels below the pictures
 FULL_FORCE_AT = 0.25  # of a picture's side: how far from the anchor the mouse pulls with all force
+KEY_SHARE = 0.3  # of all force, by a key without shift: with all of it the anchor is out of bounds in a second or two
 SLOWEST, FASTEST = 1 / 16, 8.0
 HELP = (
     "space pause   . step   - + slower, faster   R random start   B back to this start   drag turn   wheel zoom   Q end"
 )
 HAND_HELP = {
-    "keyboard": "force: arrows sideways, up and down; W S away and near",
+    "keyboard": "force: arrows sideways, up and down; W S away and near; with shift all of it",
     "mouse": "force: hold the left button, the anchor is pulled there (the right button turns)",
 }
 
@@ -150,12 +151,13 @@ class Stage:
                 episode.controller.force = self._keys_force(renderer) if by_keys else self._mouse_force(renderer)
 
     def _keys_force(self, renderer: Renderer) -> FloatArray:
-        """Along the picture's horizontal, the vertical, and away from the eye; each share -1, 0 or 1."""
+        """Along the picture's horizontal, the vertical, and away from the eye."""
         pygame = self._pygame
         pairs = ((pygame.K_RIGHT, pygame.K_LEFT), (pygame.K_UP, pygame.K_DOWN), (pygame.K_w, pygame.K_s))
         shares = np.array([(one in self._held) - (other in self._held) for one, other in pairs], dtype=np.float64)
         right, up, near = camera_axes(renderer.azimuth, 0.0)
-        force: FloatArray = shares @ np.stack([right, up, -near])
+        full = bool(self._held & {pygame.K_LSHIFT, pygame.K_RSHIFT})
+        force: FloatArray = (1.0 if full else KEY_SHARE) * shares @ np.stack([right, up, -near])
         return force / max(1.0, float(abs(force).max()))
 
     def _mouse_force(self, renderer: Renderer) -> FloatArray:
@@ -174,7 +176,9 @@ class Stage:
         for number, (episode, renderer) in enumerate(zip(self.episodes, self.renderers, strict=True)):
             picture = self._pygame.image.frombuffer(episode.draw(renderer).tobytes(), self._size, "RGB")
             self._window.blit(picture, (number * self._size[0], 0))
-        state = f"{'paused' if self.paused else 'speed'} {self.speed:g}   start {self.seed}"
+        state = f"{'paused, speed' if self.paused else 'speed'} {self.speed:g}   start {self.seed}"
+        if all(episode.ended for episode in self.episodes):
+            state = f"ended   start {self.seed}: R for another one, B for the same, or --beyond-end to go on"
         hands = "   ".join(HAND_HELP[device] for device in sorted({hand.device for hand in self._hands}))
         self._write(f"{state}   {hands}", self._size[1] + 8, INK)
         self._write(HELP, self._size[1] + 30, DIM)

@@ -25,7 +25,7 @@ function lens(width, height) {
   const eye = [Math.cos(a) * Math.cos(e), Math.sin(a) * Math.cos(e), Math.sin(e)];
   const up = cross(eye, right);
   const focal = Math.min(width, height) / 2 / Math.tan(data.fieldOfView / 2);
-  const distance = (0.85 * data.radius) / Math.sin(data.fieldOfView / 2) / camera.zoom;
+  const distance = (0.93 * data.radius) / Math.sin(data.fieldOfView / 2) / camera.zoom;
   const project = (point) => {
     const from = add(point, data.centre, -1), near = dot(from, eye);
     const scale = focal / Math.max(distance - near, 0.05 * distance);
@@ -194,7 +194,9 @@ function drawScene(canvas, player) {
   parts.sort((a, b) => a.near - b.near).forEach((part) => part.draw());
   if (data.actuated) drawForce(pen, view, bodies[0], player.force[step]);
   pen.fillStyle = colour.dim;
-  pen.fillText(`grid ${spacing} m`, width - 70, height - 10);
+  pen.textAlign = "right";
+  pen.fillText(`grid ${spacing} m`, width - 12, height - 10);
+  pen.textAlign = "left";
 }
 
 // --- the plots ---
@@ -212,6 +214,9 @@ PLOTS.forEach((plot) => { // the same scale for all players
 });
 const EDGE = { left: 44, right: 8, top: 20, bottom: 6 };
 
+/** A number with two decimals, without a zero below zero, and with the minus sign of print. */
+const written = (value) => value.toFixed(2).replace(/^-(?=0\.00$)/, "").replace("-", "−");
+
 function drawPlot(canvas, player, plot) {
   const { pen, width, height } = fitted(canvas), curves = plot.curves(player);
   const step = Math.min(clock.drawn, player.bodies.length - 1);
@@ -222,16 +227,19 @@ function drawPlot(canvas, player, plot) {
   line(pen, [{ x: x(0), y: y(0) }, { x: x(last), y: y(0) }], colour.ground, 1);
   pen.fillStyle = colour.dim;
   pen.textAlign = "right";
-  for (const v of [plot.low, plot.high]) pen.fillText(Number(v.toPrecision(3)), EDGE.left - 5, y(v) + 4);
+  for (const v of [plot.low, plot.high]) pen.fillText(String(Number(v.toPrecision(3))).replace("-", "−"), EDGE.left - 5, y(v) + 4);
   pen.textAlign = "left";
   pen.fillText(plot.title, EDGE.left, 13);
-  let place = EDGE.left + 130;
-  for (const [name, hue, numbers] of curves) {
-    line(pen, numbers.map((v, i) => ({ x: x(i), y: y(v) })), colour[hue], 1.4);
-    const text = `${name} ${numbers[step].toFixed(2)}`;
+  const names = curves.map(([name, , numbers]) => `${name} ${written(numbers[step])}`);
+  // Beside each other in columns that don't move with the numbers, closer where there is little room.
+  const column = Math.min(98, (width - EDGE.left - EDGE.right - 118) / curves.length);
+  if (column < 70) pen.font = "10.5px system-ui, DejaVu Sans, sans-serif";
+  let place = width < 420 ? width - EDGE.right - column * curves.length : EDGE.left + 130;
+  for (const [i, [, hue, numbers]] of curves.entries()) {
+    line(pen, numbers.map((v, n) => ({ x: x(n), y: y(v) })), colour[hue], 1.4);
     pen.fillStyle = colour[hue];
-    pen.fillText(text, place, 13);
-    place += 98;
+    pen.fillText(names[i], place, 13);
+    place += column;
   }
   line(pen, [{ x: x(clock.drawn), y: EDGE.top }, { x: x(clock.drawn), y: height - EDGE.bottom }], colour.dim, 1);
   for (const [, hue, numbers] of curves) disc(pen, { x: x(step), y: y(numbers[step]) }, 3, colour[hue]);

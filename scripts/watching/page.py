@@ -16,6 +16,7 @@ from agents.files import write_text
 from spring_pendulum_env import rendering
 from spring_pendulum_env.canvas import GROUND, SKY
 from spring_pendulum_env.scene import FIELD_OF_VIEW, camera_axes, look, tension_share
+from watching.cast import described
 from watching.record import Record
 
 HERE = Path(__file__).resolve().parent
@@ -69,8 +70,9 @@ def data_of(records: Sequence[Record]) -> dict[str, Any]:
         size=(600, 600),
     )
     reach = scene.reach
+    high[2] += 0.15 * reach
     low, high = np.minimum(low, -0.4 * reach), np.maximum(high, 0.4 * reach)
-    floor = min(float(low[2]) - 0.15 * reach, scene.floor)
+    floor = low[2] = min(float(low[2]) - 0.15 * reach, scene.floor)
     return {
         "task": first.scenario.task.name,
         "actuated": first.scenario.task.actuated,
@@ -79,7 +81,7 @@ def data_of(records: Sequence[Record]) -> dict[str, Any]:
         "maxForce": first.scenario.max_force,
         "period": first.scenario.control_period,
         "reach": reach,
-        "floor": floor,
+        "floor": float(floor),
         "centre": _rounded((low + high) / 2),
         "radius": float(np.linalg.norm(high - low)) / 2,
         "colours": COLOURS,
@@ -96,7 +98,7 @@ def _player(record: Record) -> dict[str, Any]:
     scene = look(record.scenario, p, bodies[0], record.forces[0], axes=camera_axes(0.0, 0.0), zoom=1.0, size=(600, 600))
     rest = None if 0.0 in (p.k1, p.k2) else _rounded(scene.targets - bodies[0, 0])
     return {
-        "name": record.name,
+        "name": described(record.name),
         "ended": record.ended,
         "constants": p.as_dict(),
         "tied": [p.k1 > 0.0, p.k2 > 0.0],

@@ -28,6 +28,11 @@ def watch(options: argparse.Namespace) -> None:
     try:
         if not (options.video or options.html or options.figures):
             _live(cast, episodes, options)
+        if options.figures and options.seconds and options.seconds < cast.scenario.control_period:
+            raise ValueError(
+                f"--seconds {options.seconds:g}: must be at least a control period for --figures, "
+                f"{cast.scenario.control_period:g}"
+            )
         seconds = options.seconds or TASKS[cast.environment_id].max_episode_steps * cast.scenario.control_period
         if options.video:
             _film(cast, episodes, options, seconds)
