@@ -95,16 +95,17 @@ def operators(everything: bool) -> list[str]:
 def mutants(module: str, everything: bool) -> Iterator[Mutant]:
     """All of one module, each distinct source once."""
     from cosmic_ray import plugins
+    from cosmic_ray.ast import ast_nodes, get_ast
     from cosmic_ray.mutating import mutate_code
 
     source = (ROOT / "spring_pendulum_env" / f"{module}.py").read_text(encoding="utf-8")
     seen = {source}
+    nodes = list(ast_nodes(get_ast(source)))
     for name in operators(everything):
         operator = plugins.get_operator(name)()
-        occurrence = 0
-        while (changed := mutate_code(source, operator, occurrence)) is not None:
-            occurrence += 1
-            if changed in seen:
+        for occurrence in range(sum(len(list(operator.mutation_positions(node))) for node in nodes)):
+            changed = mutate_code(source, operator, occurrence)
+            if changed is None or changed in seen:
                 continue
             seen.add(changed)
             lines = difflib.unified_diff(source.splitlines(), changed.splitlines(), lineterm="", n=0)
