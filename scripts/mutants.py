@@ -46,7 +46,7 @@ MODULES = {
 """What is mutated, and the tests that are tried on it."""
 
 SLOW = ("environment", "compiled", "ends_every_motion")
-"""Parts of the names of tests that compile the step, which takes some ten seconds for each mutant: they go last."""
+"""Parts of the names of tests that compile the step, which takes some ten seconds for each mutant: they are left out."""
 
 LIBRARIES = ("numpy", "scipy.integrate", "sympy", "casadi", "torch", "numba", "gymnasium", "mpmath", "pytest")
 """Imported once, before the first fork."""
@@ -114,13 +114,14 @@ def mutants(module: str, everything: bool) -> Iterator[Mutant]:
 
 
 class Order:
-    """A pytest plugin: the tests that killed most go first, those that compile last; tells which one failed."""
+    """A pytest plugin: the tests that killed most go first, without those that compile; tells which one failed."""
 
     def __init__(self, kills: dict[str, int]) -> None:
         self.kills, self.failed = kills, ""
 
     def pytest_collection_modifyitems(self, items: list[Any]) -> None:
-        items.sort(key=lambda item: (any(part in item.name for part in SLOW), -self.kills.get(item.nodeid, 0)))
+        items[:] = [item for item in items if not any(part in item.name for part in SLOW)]
+        items.sort(key=lambda item: -self.kills.get(item.nodeid, 0))
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         if report.failed:
