@@ -46,7 +46,7 @@ MODULES = {
 """What is mutated, and the tests that are tried on it."""
 
 SLOW = ("environment", "compiled", "ends_every_motion")
-"""Parts of the names of tests that compile the step, which takes some ten seconds for each mutant: they are left out."""
+"""Parts of the names of tests that compile the step, which takes ten seconds for each mutant: they are left out."""
 
 LIBRARIES = ("numpy", "scipy.integrate", "sympy", "casadi", "torch", "numba", "gymnasium", "mpmath", "pytest")
 """Imported once, before the first fork."""
