@@ -25,7 +25,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,7 @@ MODULES = {
 """What is mutated, and the tests that are tried on it."""
 
 SLOW = ("environment", "compiled", "ends_every_motion")
-"""Parts of the names of tests that compile the step, which takes some ten seconds for each mutant: they go last."""
+"""Parts of the names of tests that compile the step, which takes ten seconds for each mutant: they are left out."""
 
 LIBRARIES = ("numpy", "scipy.integrate", "sympy", "casadi", "torch", "numba", "gymnasium", "mpmath", "pytest")
 """Imported once, before the first fork."""
@@ -95,16 +95,17 @@ def operators(everything: bool) -> list[str]:
 def mutants(module: str, everything: bool) -> Iterator[Mutant]:
     """All of one module, each distinct source once."""
     from cosmic_ray import plugins
+    from cosmic_ray.ast import ast_nodes, get_ast
     from cosmic_ray.mutating import mutate_code
 
     source = (ROOT / "spring_pendulum_env" / f"{module}.py").read_text(encoding="utf-8")
     seen = {source}
+    nodes = list(ast_nodes(get_ast(source)))
     for name in operators(everything):
         operator = plugins.get_operator(name)()
-        occurrence = 0
-        while (changed := mutate_code(source, operator, occurrence)) is not None:
-            occurrence += 1
-            if changed in seen:
+        for occurrence in range(sum(len(list(operator.mutation_positions(node))) for node in nodes)):
+            changed = mutate_code(source, operator, occurrence)
+            if changed is None or changed in seen:
                 continue
             seen.add(changed)
             lines = difflib.unified_diff(source.splitlines(), changed.splitlines(), lineterm="", n=0)
@@ -113,21 +114,34 @@ def mutants(module: str, everything: bool) -> Iterator[Mutant]:
 
 
 class Order:
-    """A pytest plugin: the tests that killed most go first, those that compile last; tells which one failed."""
+    """A pytest plugin: the tests that kill most in the least time go first, without those that compile.
 
-    def __init__(self, kills: dict[str, int]) -> None:
-        self.kills, self.failed = kills, ""
+    Tells which one failed, and how long each took.
+    """
+
+    def __init__(self, kills: Mapping[str, int], durations: Mapping[str, float]) -> None:
+        self.kills, self.known = kills, durations
+        self.failed = ""
+        self.durations: dict[str, float] = {}
 
     def pytest_collection_modifyitems(self, items: list[Any]) -> None:
-        items.sort(key=lambda item: (any(part in item.name for part in SLOW), -self.kills.get(item.nodeid, 0)))
+        items[:] = [item for item in items if not any(part in item.name for part in SLOW)]
+        items.sort(key=lambda item: -(1 + self.kills.get(item.nodeid, 0)) / (0.005 + self.known.get(item.nodeid, 0.0)))
 
     def pytest_runtest_logreport(self, report: Any) -> None:
+        if report.when == "call":
+            self.durations[report.nodeid] = report.duration
         if report.failed:
             self.failed = report.nodeid
 
 
-def tests_fail(tree: Path, tests: tuple[str, ...], kills: dict[str, int]) -> str:
-    """In a forked process: the first test that fails in that tree, "an import" or "hangs"; "" where all pass."""
+def tests_fail(
+    tree: Path, tests: tuple[str, ...], kills: Mapping[str, int], durations: Mapping[str, float]
+) -> tuple[str, dict[str, float]]:
+    """In a forked process: the first test that fails in that tree, "an import" or "hangs"; "" where all pass.
+
+    And how long each took, s.
+    """
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
@@ -143,22 +157,24 @@ def tests_fail(tree: Path, tests: tuple[str, ...], kills: dict[str, int]) -> str
         sys.dont_write_bytecode = True  # a stale .pyc of the same second and size would be taken for the mutant
         import pytest
 
-        order = Order(kills)
+        order = Order(kills, durations)
         status = pytest.main([*PYTEST, *tests], plugins=[order])
-        os.write(writer, (order.failed or ("an import" if status else "")).encode())
+        with os.fdopen(writer, "w") as file:
+            json.dump([order.failed or ("an import" if status else ""), order.durations], file)
         os._exit(0)
     os.close(writer)
     signal.signal(signal.SIGALRM, lambda *_: os.killpg(child, signal.SIGKILL))
     signal.alarm(LIMIT)
     try:
-        said = b""
-        while part := os.read(reader, 4096):
-            said += part
+        with os.fdopen(reader) as file:
+            said = file.read()
     finally:
-        os.close(reader)
         signal.alarm(0)
         _, status = os.waitpid(child, 0)
-    return said.decode() if status == 0 else "hangs"
+    if status != 0:
+        return "hangs", {}
+    failed, taken = json.loads(said)
+    return failed, taken
 
 
 def tree_at(folder: Path) -> Path:
@@ -222,8 +238,11 @@ def try_all(left: list[Mutant], results: dict[str, str], path: Path, tree: Path,
 
     gc.freeze()  # else each child looks through all of it when it ends
 
-    for module in sorted({mutant.module for mutant in left}):
-        if failed := tests_fail(tree, MODULES[module], {}):
+    durations: dict[str, float] = {}
+    for tests in sorted({MODULES[mutant.module] for mutant in left}):
+        failed, taken = tests_fail(tree, tests, {}, {})
+        durations |= taken
+        if failed:
             raise ValueError(f"the tests fail without any mutation, {failed} first")
     kills = Counter(results.values())
     until = time.monotonic() + 60.0 * minutes if minutes else float("inf")
@@ -234,7 +253,7 @@ def try_all(left: list[Mutant], results: dict[str, str], path: Path, tree: Path,
         original = file.read_text(encoding="utf-8")
         write_text(file, mutant.source)
         try:
-            results[mutant.key] = tests_fail(tree, MODULES[mutant.module], kills)
+            results[mutant.key], _ = tests_fail(tree, MODULES[mutant.module], kills, durations)
         finally:
             write_text(file, original)
         kills[results[mutant.key]] += 1

@@ -39,6 +39,8 @@ CORE_TESTS = (
 TRAINING_TESTS = ("test_environments", "test_processes", "test_sb3", "test_policies", "test_agents")
 TOOLS = ("pytest>=8", "hypothesis>=6.100")
 
+WHICH = "import sys; print(*sys.version_info[:2], sep='.'); print(sys.executable)"
+
 TRAINED_ON = "3.11"
 """The Python of the combinations with torch, of which one environment takes a gigabyte."""
 
@@ -82,12 +84,16 @@ def oldest_allowed(package: str) -> str:
 
 
 def interpreter(version: str) -> str | None:
-    """A Python of that version on this machine, wherever uv finds one."""
-    found = subprocess.run(
-        ["uv", "python", "find", "--no-python-downloads", "--system", version],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    return found.stdout.strip() or None
+    """A Python of that version on this machine: on the PATH, or one of pyenv's, whose own commands may not be set."""
+    pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv") / "versions"
+    for python in (f"python{version}", *sorted(pyenv.glob(f"{version}.*/bin/python"), reverse=True)):
+        try:
+            said = subprocess.run([python, "-c", WHICH], capture_output=True, text=True, check=False).stdout.split("\n")
+        except OSError:
+            continue
+        if said[0] == version:
+            return said[1]
+    return None
 
 
 def run(command: Sequence[str | Path], log: Path, cwd: Path, **more: str) -> bool:

@@ -351,6 +351,24 @@ def test_masses_in_one_point_stay_finite() -> None:
     np.testing.assert_allclose(accelerations, [0.0, 0.0, load / UNEVEN.m0, 0.0, 0.0, -g, 0.0, 0.0, -g])
 
 
+# Momentum.
+
+
+def test_momentum_is_the_sum_of_mass_times_velocity() -> None:
+    masses = np.array([1.7, 0.9, 2.3])
+    for row in RANDOM:
+        velocities = row[9:18].reshape(3, 3)
+        np.testing.assert_allclose(physics.momentum(*row[9:18], *masses), masses @ velocities, rtol=1e-12, atol=1e-12)
+
+
+def test_angular_momentum_is_the_sum_of_mass_times_cross_product() -> None:
+    masses = np.array([1.7, 0.9, 2.3])
+    for row in RANDOM:
+        positions, velocities = row[:9].reshape(3, 3), row[9:18].reshape(3, 3)
+        expected = masses @ np.cross(positions, velocities)
+        np.testing.assert_allclose(physics.angular_momentum(*row[:18], *masses), expected, rtol=1e-12, atol=1e-11)
+
+
 # Frequencies.
 
 
