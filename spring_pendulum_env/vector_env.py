@@ -206,6 +206,43 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             return results.observations, rewards, terminated, truncated, infos | self._infos(results, self._all)
         return results.observations, rewards, terminated, truncated, self._infos(results, self._all)
 
+    def get_state(self) -> dict[str, NDArray[Any]]:
+        """All that what comes depends on, as arrays of numbers: pendulums, parameters, clocks and random numbers."""
+        state = {
+            "rows": self._rows.copy(),
+            "started": np.array(self._started),
+            "ended": self._ended.copy(),
+            "unusual": self._unusual.copy(),
+        }
+        state |= {f"parameters.{name}": values.copy() for name, values in self._constants.items()}
+        return state | {f"starts.{name}": values for name, values in self._starts.get_state().items()}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Goes on from the `get_state` of an environment with the same arguments, with the bits that it would give.
+
+        Raises:
+            ValueError: an array is missing, unknown, or of another shape or kind; nothing has changed then.
+        """
+        own = self.get_state()
+        if state.keys() != own.keys():
+            raise ValueError(f"state with {', '.join(sorted(state.keys() ^ own.keys()))} missing or unknown")
+        given = {name: np.array(values) for name, values in state.items()}
+        for name, values in given.items():
+            if (values.shape, values.dtype) != (own[name].shape, own[name].dtype):
+                raise ValueError(
+                    f"state: {name} is {values.dtype} of shape {values.shape}: "
+                    f"must be {own[name].dtype} of shape {own[name].shape}"
+                )
+        self._starts.set_state({name: given[f"starts.{name}"] for name in self._starts.get_state()})
+        self._rows[:] = given["rows"]
+        self._started, self._ended, self._unusual = bool(given["started"]), given["ended"], given["unusual"]
+        self._any_unusual = bool(self._unusual.any())
+        self._shown_constants = None
+        for name, values in self._constants.items():
+            values[:] = given[f"parameters.{name}"]
+        for renderer in self._renderers.values():
+            renderer.forget()
+
     def render(self) -> tuple[Any, ...] | None:
         """A frame of each of `render_rows`, shape (height, width, 3), uint8; None without a render_mode.
 
