@@ -122,7 +122,7 @@ class Clock:
 
 def random_numbers() -> dict[str, Any]:
     """Where the generators are that Python, NumPy and torch share among all."""
-    legacy: Any = np.random.get_state(legacy=False)
+    legacy: Any = np.random.get_state(legacy=False)  # noqa: draws from it
     legacy["state"]["key"] = legacy["state"]["key"].astype(np.int64)
     return {"python": random.getstate(), "numpy": legacy, "torch": torch.get_rng_state()}
 
@@ -132,7 +132,7 @@ def restore_random_numbers(state: Mapping[str, Any]) -> None:
     random.setstate(state["python"])
     numpy = dict(state["numpy"])
     numpy["state"] = numpy["state"] | {"key": np.asarray(numpy["state"]["key"]).astype(np.uint32)}
-    np.random.set_state(numpy)
+    np.random.set_state(numpy)  # noqa: NPY002
     torch.set_rng_state(state["torch"])
 
 
