@@ -122,7 +122,7 @@ class Clock:
 
 def random_numbers() -> dict[str, Any]:
     """Where the generators are that Python, NumPy and torch share among all."""
-    legacy: Any = np.random.get_state(legacy=False)  # noqa: draws from it
+    legacy: Any = np.random.get_state(legacy=False)  # noqa: NPY002
     legacy["state"]["key"] = legacy["state"]["key"].astype(np.int64)
     return {"python": random.getstate(), "numpy": legacy, "torch": torch.get_rng_state()}
 

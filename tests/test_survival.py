@@ -73,8 +73,10 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Pat
 class Child:
     """A training in a process of its own, as scripts/train.py runs it; what it says goes into a file."""
 
-    def __init__(self, config: Config, folder: Path, prepare: Callable[[], Any] = lambda: None) -> None:
-        self.says = folder.with_name(f"{folder.name}.txt")
+    def __init__(
+        self, config: Config, folder: Path, prepare: Callable[[], Any] = lambda: None, says: Path | None = None
+    ) -> None:
+        self.says = says or folder.with_name(f"{folder.name}.txt")
         self.process = multiprocessing.get_context("fork").Process(target=self._work, args=(config, folder, prepare))
         self.process.start()
 
@@ -246,18 +248,11 @@ def test_an_unwritable_folder_is_said_in_one_line(unwritable: Path, tmp_path: Pa
         if os.geteuid() == 0:
             os.seteuid(65534)
 
-    for name, words in (
-        (".", f"{unwritable}/config.yaml can't be written"),
-        ("new", f"{unwritable}/new can't be made"),
-    ):
-        child = Child.__new__(Child)
-        child.says = tmp_path / "said.txt"
-        arguments = (config_of("shac"), unwritable / name, become_somebody_else)
-        child.process = multiprocessing.get_context("fork").Process(target=child._work, args=arguments)
-        child.process.start()
+    for name, words in ((".", "config.yaml can't be written"), ("new", "new can't be made")):
+        child = Child(config_of("shac"), unwritable / name, become_somebody_else, tmp_path / "said.txt")
         status, said = child.end()
         assert status == 2
-        assert said.startswith(f"error: {words}: Permission denied")
+        assert said.startswith(f"error: {unwritable}/{words}: Permission denied")
         assert said.count("\n") == 1
         assert not list(unwritable.iterdir())
 
