@@ -11,6 +11,9 @@ import yaml
 LARGEST = 1_000_000
 """Bytes of a file, at most."""
 
+DEEPEST = 20
+"""Levels of nesting, at most."""
+
 Place = tuple[str | int, ...]
 """Keys and indices on the way to a value."""
 
@@ -18,11 +21,18 @@ Place = tuple[str | int, ...]
 class _Loader(yaml.SafeLoader):
     """No tags beyond plain data, no aliases (a few lines of them stand for billions of values), no key twice."""
 
+    depth = 0
+
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
             event = self.peek_event()
             raise yaml.composer.ComposerError(None, None, f"alias *{event.anchor}, allowed are none", event.start_mark)
-        return super().compose_node(parent, index)
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise yaml.composer.ComposerError(None, None, "nested too deep", self.peek_event().start_mark)
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
 
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
         first: dict[str, Any] = {}
@@ -60,8 +70,6 @@ def parse_yaml(text: str, source: str) -> tuple[Any, dict[Place, int]]:
         return data, dict(_lines(node, ()))
     except (yaml.YAMLError, ValueError) as error:  # a date or a number that is none
         raise ValueError(f"{source} is not YAML of plain data: {' '.join(str(error).split())}") from None
-    except RecursionError:
-        raise ValueError(f"{source} is not YAML that can be read: it is nested too deep") from None
 
 
 def _lines(node: Any, place: Place) -> Iterator[tuple[Place, int]]:
