@@ -48,6 +48,11 @@ def find_run(name_or_folder: str | Path) -> Path:
 
     Raises ValueError where there is neither, or where the folder lacks a file that a run leaves.
     """
+    if str(name_or_folder).endswith(".zip"):
+        raise ValueError(
+            f"run is {str(name_or_folder)!r}, an archive of Stable-Baselines3, which can run code when it is loaded: "
+            "scripts/evaluate.py and scripts/watch.py take it with --trust; allowed are also our own run folders"
+        )
     shipped = str(name_or_folder) in SHIPPED_NAMES
     folder = SHIPPED / str(name_or_folder) if shipped else Path(name_or_folder)
     if not folder.is_dir():

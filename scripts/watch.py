@@ -26,6 +26,11 @@ def main() -> None:
     parser = commands.Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
     add("who", nargs="*", default=["inverted-inverted"], metavar="WHO", help="(default: inverted-inverted)")
+    add(
+        "--trust",
+        action="store_true",
+        help="let WHO be the .zip of a policy of Stable-Baselines3, which may run anything",
+    )
     add("--task", help="passive, damping or stabilisation (default: what the first policy was trained for, or damping)")
     add("--equilibrium", help="of the stabilisation task; spring 1 named first")
     add("--seed", type=int, default=0, help="of the start (default: %(default)s)")
