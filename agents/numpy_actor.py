@@ -60,7 +60,7 @@ class NumpyActor(StateFeedback):
         path = path / FILE if path.is_dir() else path
         try:
             return cls(read_arrays(path))
-        except (ValueError, TypeError, LookupError) as error:
+        except (ValueError, TypeError, LookupError, RecursionError) as error:
             raise ValueError(f"{path} is not an exported policy: {error}") from None
 
     def actions(self, observations: Array, deterministic: bool) -> Array:  # noqa: ARG002

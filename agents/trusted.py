@@ -69,7 +69,7 @@ def load(path: str | Path, environment_id: str, axes: str, *, trust: bool) -> Tr
     shapes = (model.observation_space.shape, model.action_space.shape)
     if shapes != ((STATE_SIZE,), (len(axes),)):
         raise ValueError(
-            f"{path} maps {shapes[0]} to {shapes[1]} numbers; allowed are ({STATE_SIZE},) to ({len(axes)},)"
+            f"{path} takes {shapes[0]} and gives {shapes[1]}; allowed are ({STATE_SIZE},) and ({len(axes)},)"
         )
     statistics = [
         file for file in (path.parent / STATISTICS, *sorted(path.parent.glob(f"*/{STATISTICS}"))) if file.is_file()
