@@ -1,6 +1,7 @@
 """What a training is made from: one YAML file, checked before anything starts.
 
-A config holds plain data only. Unknown keys are refused, so that a misspelt setting cannot be ignored in silence.
+A config holds plain data only. Unknown keys are refused, so that a misspelt setting cannot be ignored in silence, and
+so are values of the wrong type and those that cannot be trained with, with the line in which they stand.
 """
 
 from __future__ import annotations
@@ -10,7 +11,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, ValidationError, model_validator
+
+from agents.config_errors import Places, nearest, place_of, sentence
+from agents.yaml_file import parse_yaml, read_yaml
+from spring_pendulum_env import EQUILIBRIA, TASKS, Parameters
+from spring_pendulum_env.scenario import Scenario
 
 ENVIRONMENT_IDS = {
     "damping": "SpringPendulumDamping-v0",
@@ -54,7 +60,7 @@ class EnvironmentConfig(Section):
     control_period: Positive | None = None
     tolerance: Positive | None = None
     randomise: dict[str, tuple[Number, Number]] | None = None
-    start_scale: Annotated[float, BeforeValidator(_number), Field(ge=0)] | None = None
+    start_scale: NonNegative | None = None
     max_force: Positive | None = None
     anchor_travel: Positive | None = None
     actuated_axes: str | None = None
@@ -69,9 +75,9 @@ class TrainingConfig(Section):
 
     seed: Seed = 0
     steps: Count = 1_000_000
-    environments: Count = 128
+    environments: Annotated[Count, Field(le=1_000_000)] = 128
     checkpoint_every: Count = 200_000  # environment steps
-    normalise_reward: bool = True  # of SB3's algorithms
+    normalise_reward: StrictBool = True  # of SB3's algorithms
     start_scales: tuple[NonNegative, NonNegative] = (1.0, 1.0)
     """Each start's spread is the environment's times a number drawn evenly from here; shac alone can do it."""
     episode_steps: Count | None = None
@@ -98,7 +104,7 @@ class ObservationConfig(Section):
 class NetworkConfig(Section):
     """Hidden layers, of the policy and, apart from it, of the value."""
 
-    layers: tuple[Count, ...] = (64, 64)
+    layers: Annotated[tuple[Annotated[Count, Field(le=4096)], ...], Field(max_length=8)] = (64, 64)
     activation: Literal["tanh", "relu", "silu"] = "tanh"
 
 
@@ -113,14 +119,14 @@ class PPOConfig(Section):
     """Settings of Stable-Baselines3's PPO, under its own names, but for the schedule of the learning rate."""
 
     learning_rate: Positive = 3e-4
-    final_learning_rate: Annotated[float, BeforeValidator(_number), Field(ge=0)] = 0.0  # linear from the one above
-    n_steps: Count = 64
-    batch_size: Count = 2048
+    final_learning_rate: NonNegative = 0.0  # linear from the one above
+    n_steps: Annotated[Count, Field(ge=2)] = 64
+    batch_size: Annotated[Count, Field(ge=2)] = 2048  # of one number there is no spread to normalise by
     n_epochs: Count = 5
     gamma: Share = 0.99
     gae_lambda: Share = 0.95
     clip_range: Positive = 0.2
-    ent_coef: Annotated[float, BeforeValidator(_number), Field(ge=0)] = 0.0
+    ent_coef: NonNegative = 0.0
     vf_coef: Positive = 0.5
     max_grad_norm: Positive = 0.5
     log_std_init: Number = -1.0
@@ -141,7 +147,7 @@ class SACConfig(Section):
 class TQCConfig(SACConfig):
     """Settings of sb3-contrib's TQC, under its own names."""
 
-    top_quantiles_to_drop_per_net: Count = 2
+    top_quantiles_to_drop_per_net: Annotated[Count, Field(lt=25)] = 2  # of 25
 
 
 class SHACConfig(Section):
@@ -151,7 +157,7 @@ class SHACConfig(Section):
     learning_rate: Positive = 2e-3
     critic_learning_rate: Positive = 1e-3
     final_share: Share = 0.03
-    gamma: Share = 0.99
+    gamma: Annotated[Share, Field(lt=1)] = 0.99  # what is largest to be had is divided by
     td_lambda: Share = 0.95
     critic_epochs: Count = 2
     batch_size: Count = 2048
@@ -223,31 +229,40 @@ def default_path(task: str, algorithm: str, equilibrium: str | None = None) -> P
 def read_config(path: str | Path, changes: Sequence[str] = ()) -> Config:
     """Read and check a YAML file, with `changes` such as "training.seed=3" put over it.
 
-    Raises ValueError, in one line that names file, key, value and what is allowed.
+    Raises ValueError, in one line that names file, line, key, value and what is allowed.
     """
-    path = Path(path)
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ValueError(f"{path} cannot be read: {error.strerror}") from error
-    except yaml.YAMLError as error:
-        raise ValueError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    data, lines = read_yaml(Path(path))
     if not isinstance(data, dict):
-        raise ValueError(f"{path} holds {type(data).__name__}; allowed is a mapping with the keys {_keys(Config)}")
+        allowed = ", ".join(Config.model_fields)
+        raise ValueError(f"{path} holds {type(data).__name__}; allowed is a mapping with the keys {allowed}")
+    places: Places = {place: f"{path}, line {line}" for place, line in lines.items()}
     for change in changes:
-        _apply(data, change)
-    return check_config(data, source=str(path))
+        _apply(data, change, places)
+    return check_config(data, source=str(path), places=places)
 
 
-def check_config(data: Mapping[str, Any], source: str = "config") -> Config:
-    """Check plain data. Raises ValueError in one line, which begins with `source`."""
+def check_config(data: Mapping[str, Any], source: str = "config", places: Places | None = None) -> Config:
+    """Check plain data. Raises ValueError in one line, which begins with the place in `places`, or with `source`."""
+    places = places or {}
     try:
-        return Config.model_validate(data)
+        config = Config.model_validate(data)
     except ValidationError as error:
-        raise ValueError("; ".join(_sentence(source, detail) for detail in error.errors())) from None
+        raise ValueError("; ".join(sentence(Config, detail, source, places) for detail in error.errors())) from None
+    try:
+        Scenario.of(TASKS[config.environment_id], **config.environment.arguments())
+    except ValueError as error:
+        words = str(error)
+        name = next((name for name in EnvironmentConfig.model_fields if words.startswith(name)), "parameters")
+        hint = nearest(str(config.environment.equilibrium), EQUILIBRIA) if name == "equilibrium" else ""
+        for given in (config.environment.parameters, config.environment.randomise):
+            for unknown in (given or {}).keys() - set(Parameters.names()):
+                hint = hint or nearest(unknown, Parameters.names())
+        where = place_of(("environment", name), source, places)
+        raise ValueError(f"{where}: environment: {words}{hint}") from None
+    return config
 
 
-def _apply(data: dict[str, Any], change: str) -> None:
+def _apply(data: dict[str, Any], change: str, places: Places) -> None:
     """Put one "section.key=value" into nested data, its value read as YAML."""
     name, equals, text = change.partition("=")
     if not equals or not all(name.split(".")):
@@ -260,29 +275,8 @@ def _apply(data: dict[str, Any], change: str) -> None:
         if not isinstance(inner, dict):
             raise ValueError(f"change is {change!r}, but {section} is {inner!r} and has no keys")
         data = inner
-    try:
-        data[key] = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ValueError(f"change is {change!r}, whose value is not YAML: {' '.join(str(error).split())}") from error
-
-
-def _sentence(source: str, detail: Any) -> str:
-    """One of pydantic's complaints in our words."""
-    key = ".".join(str(part) for part in detail["loc"])
-    if not key:  # of the config as a whole, in words of its own
-        return f"{source}: {detail['msg'].removeprefix('Value error, ')}"
-    if detail["type"] == "extra_forbidden":
-        section: type[Section] = Config
-        for part in detail["loc"][:-1]:
-            annotation = section.model_fields[str(part)].annotation
-            if isinstance(annotation, type) and issubclass(annotation, Section):
-                section = annotation
-        return f"{source}: {key} is not a setting; allowed are {_keys(section)}"
-    if detail["type"] == "missing":
-        return f"{source}: {key} is missing"
-    message = detail["msg"].removeprefix("Value error, ")
-    return f"{source}: {key} is {detail['input']!r}: {message[0].lower()}{message[1:]}"
-
-
-def _keys(section: type[Section]) -> str:
-    return ", ".join(section.model_fields)
+    data[key], _ = parse_yaml(text, f"change is {change!r}, whose value")
+    changed = tuple(name.split("."))
+    for place in [place for place in places if place[: len(changed)] == changed]:
+        del places[place]
+    places[changed] = f"change {change!r}"

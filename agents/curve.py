@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from tqdm import tqdm  # type: ignore[import-untyped]
 
@@ -45,7 +45,10 @@ class Curve:
             self.bar.update(row["steps"] - self.bar.n)
             self.bar.set_postfix(shown, refresh=False)
 
-    def close(self) -> None:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
         """End the bar's line."""
         if self.bar:
             self.bar.close()

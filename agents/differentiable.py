@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from agents import adjoint
+from agents.checkpoints import fitting
 from agents.config import Config
 from agents.controller import AXES, STATE_SIZE
 from agents.files import read_arrays
@@ -27,8 +28,12 @@ from spring_pendulum_env.equilibria import energy, vertical_state
 from spring_pendulum_env.layout import steps_in
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import Scenario
+from spring_pendulum_env.starts import generator_of, words_of
 
 Array = NDArray[np.float64]
+
+MOST_STEPS = 10_000
+"""Steps in a control period that a checkpoint may ask for: what the adjoint keeps grows with them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,12 +70,15 @@ class Models:
         """A copy in which `rows` have other parameters."""
         others = Models.of(scenario, parameters)
         arrays = {}
-        for name in ("constants", "drag", "heights", "start_heights", "energetics", "rest_energy"):
+        for name in _DRAWN:
             arrays[name] = getattr(self, name).copy()
             arrays[name][rows] = getattr(others, name)
         steps = max(self.steps, others.steps)
         schedule = adjoint.schedule(scenario.control_period, steps, arrays["drag"])
         return Models(**arrays, schedule=schedule, steps=steps)
+
+
+_DRAWN = ("constants", "drag", "heights", "start_heights", "energetics", "rest_energy")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,6 +178,32 @@ class DifferentiableEnv:
             if name in task.terms
         )
         return torch.as_tensor(paid)
+
+    def state(self) -> dict[str, Any]:
+        """All that what comes depends on."""
+        return {
+            "rows": self._envs.unwrapped.get_state(),
+            "random": words_of(self._random),
+            "limits": self.limits,
+            "lengths": self.lengths,
+            "states": self.states.detach(),
+            "models": {name: getattr(self.models, name) for name in _DRAWN} | {"steps": self.models.steps},
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from `state()`. Raises ValueError where it is of something else."""
+        self._envs.unwrapped.set_state(state["rows"])
+        self._random = generator_of(fitting("random", state["random"], words_of(self._random)))
+        self.limits = fitting("limits", state["limits"], self.limits)
+        self.lengths = fitting("lengths", state["lengths"], self.lengths)
+        self.states = torch.from_numpy(fitting("states", state["states"], self.states.detach().numpy()))
+        saved = state["models"]
+        arrays = {name: fitting(name, saved[name], getattr(self.models, name)) for name in _DRAWN}
+        steps = int(saved["steps"])
+        if not self.models.steps <= steps <= MOST_STEPS:
+            raise ValueError(f"steps is {steps}; allowed is {self.models.steps} to {MOST_STEPS}")
+        schedule = adjoint.schedule(self.scenario.control_period, steps, arrays["drag"])
+        self.models = Models(**arrays, schedule=schedule, steps=steps)
 
     def close(self) -> None:
         self._envs.close()

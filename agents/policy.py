@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +9,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from agents import torch_file
 from agents.config import Config
 from agents.controller import AXES, STATE_SIZE, StateFeedback
-from agents.files import read_arrays, write_arrays, write_atomically
+from agents.files import read_arrays, write_arrays
 from agents.relative import relative
 from agents.runs import NORMALISATION, POLICY, find_run, read_run_config
 
@@ -54,7 +54,7 @@ class LearnedPolicy(StateFeedback):
 
     def save(self, folder: Path) -> None:
         """Write weights and statistics into a run folder."""
-        write_atomically(folder / POLICY, lambda file: torch.save(self.network.state_dict(), file))
+        torch_file.write(folder / POLICY, dict(self.network.state_dict()))
         arrays = {"reference": self.reference, "mean": self.mean, "variance": self.variance}
         write_arrays(folder / NORMALISATION, arrays)
 
@@ -70,10 +70,9 @@ class LearnedPolicy(StateFeedback):
             raise ValueError(f"{folder / NORMALISATION} is not the statistics of a run: {error}") from error
         network, kind = cls._untrained(config)
         try:
-            network.load_state_dict(torch.load(folder / POLICY, map_location="cpu", weights_only=True))
-        except (RuntimeError, TypeError, AttributeError, EOFError, pickle.UnpicklingError) as error:
-            reason = str(error).splitlines()[0]
-            raise ValueError(f"{folder / POLICY} does not hold the weights of its config: {reason}") from error
+            _take(network, torch_file.read(folder / POLICY))
+        except (ValueError, OSError) as error:
+            raise ValueError(f"{folder / POLICY} does not hold the weights of its config: {error}") from error
         return kind(config, network, reference, mean, variance)
 
     @staticmethod
@@ -88,8 +87,27 @@ class LearnedPolicy(StateFeedback):
         return make_network(config, axes=len(config.environment.actuated_axes or AXES)), LearnedPolicy
 
 
+def _take(network: Any, weights: Any) -> None:
+    """Put saved weights into a network. Raises ValueError where they aren't just those that it has, all finite."""
+    own: dict[str, torch.Tensor] = network.state_dict()
+    if not isinstance(weights, dict) or weights.keys() != own.keys():
+        names = sorted(map(str, own.keys() ^ weights.keys())) if isinstance(weights, dict) else ["all"]
+        raise ValueError(f"missing or unknown: {', '.join(names[:5])}{', ...' if len(names) > 5 else ''}")
+    for name, tensor in weights.items():
+        if not torch.is_tensor(tensor) or (tensor.shape, tensor.dtype) != (own[name].shape, own[name].dtype):
+            found = f"{tensor.dtype} of shape {tuple(tensor.shape)}" if torch.is_tensor(tensor) else "no tensor"
+            raise ValueError(f"{name} is {found}; allowed is {own[name].dtype} of shape {tuple(own[name].shape)}")
+        if not tensor.isfinite().all():
+            raise ValueError(f"{name} holds numbers that are not finite")
+    network.load_state_dict(weights)
+
+
 def _vector(arrays: dict[str, NDArray[Any]], name: str) -> NDArray[np.float64]:
+    if arrays[name].dtype.kind != "f" or arrays[name].shape != (STATE_SIZE,):
+        raise ValueError(
+            f"{name} is {arrays[name].dtype} of shape {arrays[name].shape}; allowed are {STATE_SIZE} numbers"
+        )
     vector = arrays[name].astype(np.float64)
-    if vector.shape != (STATE_SIZE,):
-        raise ValueError(f"{name} has shape {vector.shape}; allowed is ({STATE_SIZE},)")
+    if not np.isfinite(vector).all() or (name == "variance" and (vector < 0.0).any()):
+        raise ValueError(f"{name} holds {vector[~(np.isfinite(vector) & (vector >= 0))][0]}")
     return vector

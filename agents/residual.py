@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import gymnasium as gym
 import numpy as np
 import torch
@@ -50,7 +52,7 @@ class ResidualNetwork(nn.Module):
 
     def seen(self, displacements: Tensor) -> Tensor:
         """What the network sees, (..., k), of displacements (..., 18) from the equilibrium, m and m/s."""
-        return displacements.float() @ self.features.T
+        return displacements.to(self.features.dtype) @ self.features.T
 
     def at_rest(self) -> Tensor:
         """What the body says at the equilibrium, (axes,)."""
@@ -59,7 +61,7 @@ class ResidualNetwork(nn.Module):
 
     def forward(self, displacements: Tensor, at_rest: Tensor | None = None) -> Tensor:
         """Actions (..., axes) in [-1, 1], in float64; `at_rest()` may be handed in by who needs it many times."""
-        guided = limited(displacements.float() @ self.gain.T)
+        guided = limited(displacements.to(self.gain.dtype) @ self.gain.T)
         offset = self.at_rest() if at_rest is None else at_rest
         actions: Tensor = limited(guided + self.body(self.seen(displacements)) - offset).double()
         return actions
@@ -94,10 +96,18 @@ def make_residual_network(config: Config) -> tuple[ResidualNetwork, NDArray[np.f
 
 
 class ResidualPolicy(LearnedPolicy):
-    """A trained `ResidualNetwork`; `mean` is zero and `variance` tells of the config's scales, which it holds."""
+    """A trained `ResidualNetwork`; `mean` is zero and `variance` tells of the config's scales, which it holds.
+
+    It acts in double precision, though it was trained in single: LQR's large numbers cancel, so that single precision
+    would leave an error of 1e-5 far from the equilibrium, another one for each number of observations at once.
+    """
+
+    def __init__(self, config: Config, network: ResidualNetwork, *statistics: NDArray[np.float64]) -> None:
+        super().__init__(config, network, *statistics)
+        self._exact = copy.deepcopy(network).double()
 
     def actions(self, observations: NDArray[np.float64], deterministic: bool) -> NDArray[np.float64]:  # noqa: ARG002
         """Actions (n, axes) in [-1, 1] for raw observations (n, 18)."""
         with torch.no_grad():
-            actions: NDArray[np.float64] = self.network(torch.from_numpy(observations - self.reference)).numpy()
+            actions: NDArray[np.float64] = self._exact(torch.from_numpy(observations - self.reference)).numpy()
         return actions

@@ -11,18 +11,23 @@ tensorboard/        where TensorBoard is installed
 
 from __future__ import annotations
 
-import json
+import contextlib
+import os
 import platform
 import subprocess
 import sys
+from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from agents.config import Config, read_config
-from agents.files import write_json
+from agents.files import read_json, write_json
+
+try:
+    import fcntl
+except ImportError:  # not POSIX
+    fcntl = None  # type: ignore[assignment]
 
 CONFIG = "config.yaml"
 RECORD = "run.json"
@@ -43,6 +48,11 @@ def find_run(name_or_folder: str | Path) -> Path:
 
     Raises ValueError where there is neither, or where the folder lacks a file that a run leaves.
     """
+    if str(name_or_folder).endswith(".zip"):
+        raise ValueError(
+            f"run is {str(name_or_folder)!r}, an archive of Stable-Baselines3, which can run code when it is loaded: "
+            "scripts/evaluate.py and scripts/watch.py take it with --trust; allowed are also our own run folders"
+        )
     shipped = str(name_or_folder) in SHIPPED_NAMES
     folder = SHIPPED / str(name_or_folder) if shipped else Path(name_or_folder)
     if not folder.is_dir():
@@ -51,6 +61,9 @@ def find_run(name_or_folder: str | Path) -> Path:
             f"{'policy' if shipped else 'run'} is {str(name_or_folder)!r}, which is not there; allowed are the folder "
             f"of a run made by scripts/train.py and the shipped policies ({', '.join(available) or 'none so far'})"
         )
+    for name in (CONFIG, POLICY, NORMALISATION):
+        if is_there(folder / name):
+            check_inside(folder / name, folder)
     missing = [name for name in (CONFIG, POLICY, NORMALISATION) if not (folder / name).is_file()]
     if missing:
         unfinished = ", an unfinished one: take it up again with scripts/train.py" if is_unfinished(folder) else ""
@@ -76,10 +89,8 @@ def read_record(folder: Path) -> dict[str, Any]:
     path = folder / RECORD
     if not path.is_file():
         return {}
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path} is not JSON: {error}") from error
+    check_inside(path, folder)
+    record = read_json(path)
     if not isinstance(record, dict):
         raise ValueError(f"{path} holds {type(record).__name__}; allowed is a mapping")
     return record
@@ -105,11 +116,44 @@ def write_record(
     write_json(folder / RECORD, record | provenance())
 
 
-def seed_of_stretch(config: Config, steps_before: int) -> int:
-    """Seed of a stretch of training: one that is taken up again must not see its first starts a second time."""
-    if steps_before == 0:
-        return config.training.seed
-    return int(np.random.SeedSequence((config.training.seed, steps_before)).generate_state(1)[0])
+def is_there(path: Path) -> bool:
+    """Whether there is anything of this name, be it a link to nowhere."""
+    return path.is_symlink() or path.exists()
+
+
+def check_inside(path: Path, folder: Path) -> None:
+    """Raises ValueError where a file of a run folder is a link to somewhere else, or no file."""
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise ValueError(f"{path} is a link out of its folder, to {path.resolve()}; allowed is a file")
+    if not path.is_file():
+        raise ValueError(f"{path} is no file; allowed is a file")
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Make a run folder, and keep other trainings out of it as long as this one lives.
+
+    Raises ValueError where another one is in it, OSError where it can't be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OSError(f"{folder} can't be made: {error.strerror}") from error
+    if fcntl is None:
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        raise ValueError(f"folder is {str(folder)!r}, in which another training is at work") from None
+    except OSError:
+        pass  # a file system that knows no locks
+    try:
+        yield
+    finally:
+        os.close(handle)  # the system does it too when a process is killed
 
 
 def provenance() -> dict[str, Any]:

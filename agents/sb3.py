@@ -91,6 +91,21 @@ class SpringPendulumVecEnv(VecEnv):
             observations[cut] = self.venv.reset(options={"reset_mask": cut})[0][cut]
         return observations, rewards.astype(np.float32), dones, infos
 
+    def get_state(self) -> dict[str, Any]:
+        """All that what comes depends on, as arrays."""
+        state = {"returns": self.returns.copy(), "lengths": self.lengths.copy(), "limits": self.limits.copy()}
+        return state | {"rows": self.venv.unwrapped.get_state()}  # type: ignore[attr-defined]
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on from `get_state()`. Raises ValueError where it is of something else."""
+        self.venv.unwrapped.set_state(state["rows"])  # type: ignore[attr-defined]
+        for name in ("returns", "lengths", "limits"):
+            own = getattr(self, name)
+            values = np.array(state[name])
+            if (values.shape, values.dtype) != (own.shape, own.dtype):
+                raise ValueError(f"{name} of shape {values.shape}: must be {own.dtype} of shape {own.shape}")
+            setattr(self, name, values)
+
     def close(self) -> None:
         self.venv.close()
 

@@ -11,7 +11,6 @@ A method that only sees rewards has to try out which force was better; this one 
 from __future__ import annotations
 
 import copy
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,13 +19,13 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from agents import runs
+from agents.checkpoints import Checkpoints, check_learnt, fitting
 from agents.config import Config
 from agents.curve import Curve
 from agents.differentiable import DifferentiableEnv, Transition
-from agents.files import write_atomically
 from agents.networks import multilayer
 from agents.residual import ResidualNetwork, ResidualPolicy, make_residual_network
+from agents.stopping import Stop
 
 ACTOR_BETAS = (0.7, 0.95)
 """Adam's for the actor, the paper's: each window's gradient is good, so little need be remembered of older ones."""
@@ -151,14 +150,16 @@ class SHAC:
         return values
 
     def state(self) -> dict[str, Any]:
-        """All that is needed to go on."""
-        return {name: getattr(self, name).state_dict() for name in _STATEFUL} | {"random": torch.get_rng_state()}
+        """All that it remembers between two rounds."""
+        return {name: getattr(self, name).state_dict() for name in _STATEFUL}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from `state()`."""
         for name in _STATEFUL:
             getattr(self, name).load_state_dict(state[name])
-        torch.set_rng_state(state["random"])
+        networks = (self.policy, self.value, self.target)
+        weights = [weight for network in networks for weight in network.state_dict().values()]
+        check_learnt(weights, (self.actor_optimiser, self.value_optimiser))
 
 
 _STATEFUL = ("policy", "value", "target", "actor_optimiser", "value_optimiser")
@@ -171,55 +172,33 @@ def _ends(transitions: list[Transition]) -> tuple[Tensor, Tensor]:
     return torch.from_numpy(terminated), torch.from_numpy(truncated)
 
 
-def train_shac(config: Config, folder: Path, *, progress: bool) -> ResidualPolicy:
+def train_shac(config: Config, folder: Path, stop: Stop, *, progress: bool) -> ResidualPolicy:
     """Train, or go on with, the policy of a run folder that is ready for it (see `agents.training.train`)."""
-    path = folder / runs.CHECKPOINT
-    checkpoint = torch.load(path, weights_only=True) if path.is_file() else None
-    steps = int(checkpoint["steps"]) if checkpoint else 0
-    clock = _Clock(*(checkpoint["clock"] if checkpoint else (0.0, 0.0)))
-    seed = runs.seed_of_stretch(config, steps)
-    torch.manual_seed(seed)
+    torch.manual_seed(config.training.seed)
     network, reference = make_residual_network(config)
-    env = DifferentiableEnv(config, seed)
+    env = DifferentiableEnv(config, config.training.seed)
     learner = SHAC(config, env, network, reference)
-    if checkpoint:
-        learner.restore(checkpoint["learner"])
-    curve = Curve(folder, steps, config.training.steps, progress)
     episodes = _Episodes(env.rows)
-    saved_at = steps
+    parts = {"learner": learner, "environments": env, "episodes": episodes}
+    checkpoints = Checkpoints(config, folder, parts, stop)
     try:
-        while steps < config.training.steps:
-            transitions, row = learner.round(steps / config.training.steps)
-            steps += env.rows * len(transitions)
-            seconds, processor_seconds = clock.read()
-            finished = episodes.finished(transitions)
-            curve.add({"steps": steps, "seconds": round(seconds, 2)} | finished | _rounded(row), finished)
-            if steps - saved_at >= config.training.checkpoint_every and steps < config.training.steps:
-                saved_at = steps
-                content = {"learner": learner.state(), "steps": steps, "clock": clock.read()}
-                write_atomically(path, lambda file, content=content: torch.save(content, file))  # type: ignore[misc]
-                runs.write_record(config, folder, steps, seconds, finished=False, processor_seconds=processor_seconds)
+        steps = checkpoints.resume()
+        with Curve(folder, steps, config.training.steps, progress) as curve:
+            while steps < config.training.steps:
+                checkpoints.between(steps)
+                transitions, row = learner.round(steps / config.training.steps)
+                steps += env.rows * len(transitions)
+                finished = episodes.finished(transitions)
+                seconds = round(checkpoints.clock.read()[0], 2)
+                curve.add({"steps": steps, "seconds": seconds} | finished | _rounded(row), finished)
     finally:
-        curve.close()
         env.close()
     assert config.observation.scales is not None, "the config is checked"
     variance = np.repeat(np.square(config.observation.scales), len(reference) // 2)
     policy = ResidualPolicy(config, network, reference, np.zeros_like(reference), variance)
     policy.save(folder)
-    seconds, processor_seconds = clock.read()
-    runs.write_record(config, folder, steps, seconds, finished=True, processor_seconds=processor_seconds)
-    path.unlink(missing_ok=True)
+    checkpoints.finish(steps)
     return policy
-
-
-class _Clock:
-    """Seconds that a training has taken, interruptions apart: of the wall's clock and of the processor."""
-
-    def __init__(self, wall_before: float, processor_before: float) -> None:
-        self.offsets = wall_before - time.monotonic(), processor_before - time.process_time()
-
-    def read(self) -> tuple[float, float]:
-        return self.offsets[0] + time.monotonic(), self.offsets[1] + time.process_time()
 
 
 def _rounded(row: dict[str, float]) -> dict[str, float]:
@@ -232,6 +211,15 @@ class _Episodes:
     def __init__(self, rows: int) -> None:
         self.returns = np.zeros(rows)
         self.lengths = np.zeros(rows)
+
+    def state(self) -> dict[str, Any]:
+        """Those that are not over."""
+        return {"returns": self.returns, "lengths": self.lengths}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from `state()`."""
+        self.returns = fitting("returns", state["returns"], self.returns)
+        self.lengths = fitting("lengths", state["lengths"], self.lengths)
 
     def finished(self, transitions: list[Transition]) -> dict[str, Any]:
         """Of the episodes that have ended in a window: how many, mean return and length, share that ended early."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.running_mean_std import RunningMeanStd
@@ -18,11 +16,14 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from agents import runs
 from agents.algorithms import ALGORITHMS
+from agents.checkpoints import Checkpoints
 from agents.config import Config
 from agents.controller import STATE_SIZE
 from agents.curve import Curve
-from agents.files import write_atomically, write_text
+from agents.files import remove_temporary, write_text
 from agents.policy import CLIP, EPSILON, LearnedPolicy
+from agents.sb3_state import SB3Environments, SB3Learner, running
+from agents.stopping import Stop
 from agents.training_env import RelativeObservations, make_training_env, task_equilibrium
 
 STEPS_A_ROW = 32
@@ -32,24 +33,36 @@ STEPS_A_ROW = 32
 def train(config: Config, folder: str | Path, *, progress: bool = True) -> LearnedPolicy:
     """Train, or go on with, the policy that `config` describes and that lives in `folder`.
 
-    The same call goes on after an interruption, from the last checkpoint, and returns at once when all is done.
-    Raises ValueError where the folder holds something else (files of another kind, or a run with another config), or
-    where the environment refuses its arguments; then nothing has been written.
+    The same call goes on after an interruption, from the last checkpoint, and returns at once when all is done. The
+    policy has the bits that it would have without the interruption (on the same machine).
+
+    Raises ValueError where the folder holds something else (files of another kind, a run with another config, or
+    another training at work), or where the environment refuses its arguments; then nothing has been written. Raises
+    OSError where files can't be written, and `agents.stopping.Stopped`, a KeyboardInterrupt, after SIGINT or SIGTERM;
+    then the last checkpoint is whole.
     """
     folder = Path(folder)
     reference = task_equilibrium(config)  # refuses wrong arguments of the environment before anything is written
-    if _prepare(config, folder):
-        return LearnedPolicy.load(folder)
-    torch.set_num_threads(1)  # such small networks lose time by sharing their work
-    if config.algorithm == "shac":
-        from agents.shac import train_shac
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"folder is {str(folder)!r}, which is a file; allowed is a new folder or that of the same run")
+    with runs.locked(folder), Stop() as stop:
+        if _prepare(config, folder):
+            return LearnedPolicy.load(folder)
+        torch.set_num_threads(1)  # such small networks lose time by sharing their work
+        if config.algorithm == "shac":
+            from agents.shac import train_shac
 
-        return train_shac(config, folder, progress=progress)
+            return train_shac(config, folder, stop, progress=progress)
+        return _train_sb3(config, folder, reference, stop, progress=progress)
 
-    checkpoint = _read_checkpoint(folder)
-    steps_before = int(checkpoint["steps"]) if checkpoint else 0
+
+def _train_sb3(
+    config: Config, folder: Path, reference: NDArray[np.float64], stop: Stop, *, progress: bool
+) -> LearnedPolicy:
+    """The same for the algorithms of Stable-Baselines3, in a folder that is ready."""
+    envs = make_training_env(config)
     env = VecNormalize(
-        RelativeObservations(make_training_env(config), reference),
+        RelativeObservations(envs, reference),
         norm_reward=config.training.normalise_reward,
         clip_obs=CLIP,
         gamma=config.gamma,
@@ -58,19 +71,20 @@ def train(config: Config, folder: str | Path, *, progress: bool = True) -> Learn
     if config.observation.scales:
         env.obs_rms = _FixedScales(*config.observation.scales)  # type: ignore[assignment]  # declared as a mapping
     try:
-        model = ALGORITHMS[config.algorithm].make_model(config, env, runs.seed_of_stretch(config, steps_before))
+        model = ALGORITHMS[config.algorithm].make_model(config, env, config.training.seed)
         model.set_logger(_logger(folder))
-        if checkpoint:
-            _restore(model, env, checkpoint)
-        recorder = _Recorder(config, folder, env, progress, seconds_before=checkpoint["seconds"] if checkpoint else 0.0)
-        remaining = config.training.steps - steps_before
-        if remaining > 0:
-            model.learn(remaining, callback=recorder, reset_num_timesteps=False)
-        seen = _running(env.obs_rms)
+        recorder = _Recorder()
+        parts = {"learner": SB3Learner(model), "environments": SB3Environments(env, envs), "episodes": recorder}
+        recorder.checkpoints = checkpoints = Checkpoints(config, folder, parts, stop)
+        steps = checkpoints.resume()
+        with Curve(folder, steps, config.training.steps, progress) as curve:
+            recorder.curve = curve
+            if steps < config.training.steps:
+                model.learn(config.training.steps - steps, callback=recorder, reset_num_timesteps=False)
+        seen = running(env.obs_rms)
         policy = LearnedPolicy(config, model.policy, reference, seen.mean.copy(), seen.var.copy())
         policy.save(folder)
-        runs.write_record(config, folder, model.num_timesteps, recorder.seconds(), finished=True)
-        (folder / runs.CHECKPOINT).unlink(missing_ok=True)
+        checkpoints.finish(model.num_timesteps)
     finally:
         env.close()
     return policy
@@ -78,17 +92,19 @@ def train(config: Config, folder: str | Path, *, progress: bool = True) -> Learn
 
 def _prepare(config: Config, folder: Path) -> bool:
     """Make the folder ready for this config; return whether its run is finished already."""
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"folder is {str(folder)!r}, which is a file; allowed is a new folder or that of the same run")
-    if (folder / runs.CONFIG).is_file():
+    remove_temporary(folder)
+    if runs.is_there(folder / runs.CONFIG):
         difference = _difference(runs.read_run_config(folder).model_dump(), config.model_dump())
         if difference:
             raise ValueError(
                 f"folder is {str(folder)!r}, which holds a run with another config ({difference}); "
                 "allowed is a new folder or that of the same run"
             )
-        return bool(runs.read_record(folder).get("finished"))
-    if folder.is_dir() and any(folder.iterdir()):
+        if not runs.read_record(folder).get("finished"):
+            return False
+        (folder / runs.CHECKPOINT).unlink(missing_ok=True)  # killed between two of the last lines
+        return True
+    if any(folder.iterdir()):
         raise ValueError(
             f"folder is {str(folder)!r}, which holds files but no run; allowed is a new folder or that of the same run"
         )
@@ -112,45 +128,6 @@ def _logger(folder: Path) -> Any:
     return configure(str(folder / runs.TENSORBOARD), formats)
 
 
-def _write_checkpoint(model: BaseAlgorithm, env: VecNormalize, folder: Path, seconds: float) -> None:
-    """One file, replaced at once, so that weights, optimiser, statistics and counters always belong together."""
-    content = {
-        "parameters": model.get_parameters(),
-        "observations": _statistics(_running(env.obs_rms)),
-        "returns": _statistics(env.ret_rms),
-        "steps": model.num_timesteps,
-        "seconds": seconds,
-    }
-    entropy = getattr(model, "log_ent_coef", None)  # SAC's, which `get_parameters` leaves out
-    if entropy is not None:
-        content["entropy"] = entropy.detach()
-    write_atomically(folder / runs.CHECKPOINT, lambda file: torch.save(content, file))
-
-
-def _read_checkpoint(folder: Path) -> dict[str, Any] | None:
-    path = folder / runs.CHECKPOINT
-    return torch.load(path, map_location="cpu", weights_only=True) if path.is_file() else None
-
-
-def _restore(model: BaseAlgorithm, env: VecNormalize, checkpoint: dict[str, Any]) -> None:
-    model.set_parameters(checkpoint["parameters"], exact_match=True, device="cpu")
-    if "entropy" in checkpoint:
-        with torch.no_grad():
-            model.log_ent_coef.copy_(checkpoint["entropy"])  # type: ignore[attr-defined]
-    model.num_timesteps = checkpoint["steps"]
-    pairs = ((_running(env.obs_rms), checkpoint["observations"]), (env.ret_rms, checkpoint["returns"]))
-    for statistics, saved in pairs:
-        statistics.mean, statistics.var = saved["mean"].numpy(), saved["variance"].numpy()
-        statistics.count = saved["count"]
-
-
-def _running(statistics: Any) -> RunningMeanStd:
-    """VecNormalize keeps a mapping of statistics where observations are a mapping; here they never are."""
-    if not isinstance(statistics, RunningMeanStd):
-        raise TypeError(f"statistics of observations are {type(statistics).__name__}; allowed is RunningMeanStd")
-    return statistics
-
-
 class _FixedScales(RunningMeanStd):
     """Statistics that are given instead of gathered."""
 
@@ -162,43 +139,27 @@ class _FixedScales(RunningMeanStd):
         """Nothing is gathered."""
 
 
-def _statistics(running: RunningMeanStd) -> dict[str, Any]:
-    return {
-        "mean": torch.as_tensor(np.asarray(running.mean)),
-        "variance": torch.as_tensor(np.asarray(running.var)),
-        "count": float(running.count),
-    }
-
-
 class _Recorder(BaseCallback):
-    """Progress bar, curve and checkpoints."""
+    """Curve and checkpoints; `checkpoints` and `curve` are to be set before the training begins."""
 
-    def __init__(self, config: Config, folder: Path, env: VecNormalize, progress: bool, seconds_before: float) -> None:
+    checkpoints: Checkpoints
+    curve: Curve
+
+    def __init__(self) -> None:
         super().__init__()
-        self.config = config
-        self.folder = folder
-        self.env = env
-        self.progress = progress
-        self.seconds_before = seconds_before
-        self.started = time.monotonic()
         self.episodes: list[tuple[float, int, bool]] = []  # return, control periods, whether it ended early
-        self.saved_at = 0
-        self.curve: Curve | None = None
 
-    def seconds(self) -> float:
-        """Wall time that the training has taken, interruptions apart."""
-        return self.seconds_before + time.monotonic() - self.started
+    def state(self) -> dict[str, Any]:
+        """The episodes of which no row has told."""
+        return {"episodes": self.episodes}
 
-    def _on_training_start(self) -> None:
-        self.saved_at = self.num_timesteps = self.model.num_timesteps
-        self.curve = Curve(self.folder, self.saved_at, self.config.training.steps, self.progress)
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from `state()`."""
+        self.episodes = [(float(total), int(length), bool(early)) for total, length, early in state["episodes"]]
 
     def _on_rollout_start(self) -> None:
         # Here the network has just been updated and no rollout is half done.
-        if self.num_timesteps - self.saved_at >= self.config.training.checkpoint_every:
-            _write_checkpoint(self.model, self.env, self.folder, self.seconds())
-            runs.write_record(self.config, self.folder, self.num_timesteps, self.seconds(), finished=False)
-            self.saved_at = self.num_timesteps
+        self.checkpoints.between(self.model.num_timesteps)
 
     def _on_step(self) -> bool:
         for i in np.flatnonzero(self.locals["dones"]):
@@ -208,11 +169,11 @@ class _Recorder(BaseCallback):
         return True
 
     def _on_rollout_end(self) -> None:
-        assert self.curve is not None, "training has started"
         told = int(self.curve.rows[-1]["steps"]) if self.curve.rows else 0
-        if self.num_timesteps - told < STEPS_A_ROW * self.config.training.environments:
+        if self.num_timesteps - told < STEPS_A_ROW * self.training_env.num_envs:
             return  # an algorithm with a replay buffer has a rollout of a single step
-        row: dict[str, Any] = {"steps": self.num_timesteps, "seconds": round(self.seconds(), 2)}
+        seconds = round(self.checkpoints.clock.read()[0], 2)
+        row: dict[str, Any] = {"steps": self.num_timesteps, "seconds": seconds}
         row |= {"episodes": len(self.episodes), "return": "", "length": "", "ended_early": ""}
         if self.episodes:
             returns, lengths, early = (np.array(column, dtype=float) for column in zip(*self.episodes, strict=True))
@@ -225,7 +186,3 @@ class _Recorder(BaseCallback):
                 self.logger.record(f"episode/{name}", row[name])
         self.episodes.clear()
         self.curve.add(row, {"return": row["return"], "ended early": row["ended_early"]})
-
-    def _on_training_end(self) -> None:
-        assert self.curve is not None, "training has started"
-        self.curve.close()

@@ -18,7 +18,7 @@ from agents.sb3 import SpringPendulumVecEnv
 from spring_pendulum_env import equilibrium
 
 
-def make_training_env(config: Config) -> VecEnv:
+def make_training_env(config: Config) -> SpringPendulumVecEnv:
     """All environments of one training: raw observations (n, 18), episode statistics in the infos.
 
     Raises ValueError, or Gymnasium's own error, for arguments that the environment refuses.

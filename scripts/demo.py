@@ -28,7 +28,9 @@ def main() -> None:
     from agents.comparison import compare  # slow to import: after the checks above
     from agents.training import train
 
-    print(f"Training a policy that damps the pendulum: {config.training.steps:,} steps of SHAC, added to LQR")
+    print(
+        f"Training a policy that damps the pendulum: {config.training.steps:,} steps of SHAC, added to LQR, in {folder}"
+    )
     policy = train(config, folder)
     print(f"Evaluating it on {options.episodes} starts that it has never seen, beside LQR and doing nothing")
     print()
@@ -39,4 +41,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    commands.run(main)
+    commands.run(main, "--folder with the folder that was named goes on from there")

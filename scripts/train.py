@@ -1,6 +1,7 @@
 """Train a policy: scripts/train.py damping, or scripts/train.py stabilisation --equilibrium inverted-hanging.
 
-The same command goes on with a training that was interrupted.
+The same command goes on with a training that was interrupted, in whatever way, from its last checkpoint. Ctrl-C and
+SIGTERM make one and end it.
 """
 
 from __future__ import annotations
@@ -48,4 +49,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    commands.run(main, "interrupted: the same command goes on from the last checkpoint")
+    commands.run(main, "the same command goes on from there")

@@ -27,6 +27,11 @@ def main() -> None:
     add = parser.add_argument
     add("who", nargs="*", default=["inverted-inverted"], metavar="WHO", help="(default: inverted-inverted)")
     add(
+        "--trust",
+        action="store_true",
+        help="let WHO be the .zip of a policy of Stable-Baselines3, which may run anything",
+    )
+    add(
         "--task",
         help="passive, damping, stabilisation or swing-up (default: what the first policy was trained for, or damping)",
     )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
@@ -15,6 +18,11 @@ MOST_AHEAD = 16
 
 NUMBERS_AHEAD = 2**21
 """... and at most so many numbers for all rows, 16 MB."""
+
+WORDS = 6
+"""Numbers that say where a generator is; int64, which every file format knows."""
+
+_WORD = 2**64 - 1
 
 
 class Starts:
@@ -49,10 +57,48 @@ class Starts:
         """The random numbers of one row, as a `scenario.Random`."""
         return Row(self, row)
 
+    def get_state(self) -> dict[str, NDArray[Any]]:
+        """Where all rows' random numbers are, as arrays."""
+        words = np.zeros((len(self._generators), WORDS), dtype=np.int64)
+        for row, generator in enumerate(self._generators):
+            if generator is not None:
+                words[row] = words_of(generator)
+        return {"generators": words, "numbers": self.numbers.copy(), "taken": self.taken.copy()}
+
+    def set_state(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Goes on from `get_state` of as many rows, whose arrays are known to have the right shapes."""
+        unseeded = not state["generators"].any()
+        self._generators = [None if unseeded else generator_of(words) for words in state["generators"]]
+        self.numbers[:] = state["numbers"]
+        self.taken[:] = state["taken"]
+
     def _generator(self, row: int) -> np.random.Generator:
         generator = self._generators[row]
         assert generator is not None, "a row is seeded before it is drawn from"
         return generator
+
+
+def words_of(generator: np.random.Generator) -> NDArray[np.int64]:
+    """Where a generator of NumPy's default kind, PCG64, is: WORDS numbers."""
+    state: Any = generator.bit_generator.state
+    state, increment, kept = state["state"]["state"], state["state"]["inc"], (state["has_uint32"], state["uinteger"])
+    words = [state >> 64, state & _WORD, increment >> 64, increment & _WORD, *kept]
+    return np.array(words, dtype=np.uint64).view(np.int64)
+
+
+def generator_of(words: NDArray[np.int64]) -> np.random.Generator:
+    """The generator of `words_of`. Raises ValueError where they can be none's."""
+    high, low, increment_high, increment_low, has_uint32, uinteger = words.view(np.uint64).tolist()
+    if not increment_low & 1 or has_uint32 > 1 or uinteger >= 2**32:  # PCG64's increment is odd
+        raise ValueError(f"state of a random number generator = {words}: must be that of a PCG64")
+    bits = np.random.PCG64(0)
+    bits.state = {
+        "bit_generator": "PCG64",
+        "state": {"state": high << 64 | low, "inc": increment_high << 64 | increment_low},
+        "has_uint32": has_uint32,
+        "uinteger": uinteger,
+    }
+    return np.random.Generator(bits)
 
 
 class Row:

@@ -118,8 +118,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self._starts = Starts(num_envs, ahead=not self.scenario.randomise)
         self._constants = {name: np.full(num_envs, value) for name, value in self.scenario.parameters.as_dict().items()}
         self._unusual: BoolArray = np.zeros(num_envs, dtype=np.bool_)  # rows whose constants are drawn or set
-        self._any_unusual = False
-        self._settings[layout.ALIKE] = 1.0
+        self._look_for_unusual()
         self._shown_constants: dict[str, FloatArray | BoolArray] | None = None
         self._no_actions = np.zeros((num_envs, len(self.scenario.actuated_axes)))
         self._all = _read_only(np.ones(num_envs, dtype=np.bool_))
@@ -206,6 +205,43 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             return results.observations, rewards, terminated, truncated, infos | self._infos(results, self._all)
         return results.observations, rewards, terminated, truncated, self._infos(results, self._all)
 
+    def get_state(self) -> dict[str, NDArray[Any]]:
+        """All that what comes depends on, as arrays of numbers: pendulums, parameters, clocks and random numbers."""
+        state = {
+            "rows": self._rows.copy(),
+            "started": np.array(self._started),
+            "ended": self._ended.copy(),
+            "unusual": self._unusual.copy(),
+        }
+        state |= {f"parameters.{name}": values.copy() for name, values in self._constants.items()}
+        return state | {f"starts.{name}": values for name, values in self._starts.get_state().items()}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Goes on from the `get_state` of an environment with the same arguments, with the bits that it would give.
+
+        Raises:
+            ValueError: an array is missing, unknown, or of another shape or kind; nothing has changed then.
+        """
+        own = self.get_state()
+        if state.keys() != own.keys():
+            raise ValueError(f"state with {', '.join(sorted(state.keys() ^ own.keys()))} missing or unknown")
+        given = {name: np.array(values) for name, values in state.items()}
+        for name, values in given.items():
+            if (values.shape, values.dtype) != (own[name].shape, own[name].dtype):
+                raise ValueError(
+                    f"state: {name} is {values.dtype} of shape {values.shape}: "
+                    f"must be {own[name].dtype} of shape {own[name].shape}"
+                )
+        self._starts.set_state({name: given[f"starts.{name}"] for name in self._starts.get_state()})
+        self._rows[:] = given["rows"]
+        self._started, self._ended, self._unusual = bool(given["started"]), given["ended"], given["unusual"]
+        self._look_for_unusual()
+        self._shown_constants = None
+        for name, values in self._constants.items():
+            values[:] = given[f"parameters.{name}"]
+        for renderer in self._renderers.values():
+            renderer.forget()
+
     def render(self) -> tuple[Any, ...] | None:
         """A frame of each of `render_rows`, shape (height, width, 3), uint8; None without a render_mode.
 
@@ -255,11 +291,15 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         unusual = [parameters is not self.scenario.parameters for parameters in drawn]
         if any(unusual) or self._unusual[rows].any():
             self._unusual[rows] = unusual
-            self._any_unusual = bool(self._unusual.any())
-            self._settings[layout.ALIKE] = 0.0 if self._any_unusual else 1.0
+            self._look_for_unusual()
             self._shown_constants = None
             for name, values in self._constants.items():
                 values[rows] = [getattr(parameters, name) for parameters in drawn]
+
+    def _look_for_unusual(self) -> None:
+        """Whether all rows have the same constants, which the compiled step then reads once."""
+        self._any_unusual = bool(self._unusual.any())
+        self._settings[layout.ALIKE] = float(not self._any_unusual)
 
     def _template_of(self, parameters: Parameters) -> FloatArray:
         return self._template if parameters is self.scenario.parameters else layout.template(self.scenario, parameters)

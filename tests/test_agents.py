@@ -182,69 +182,35 @@ def test_observations_are_scaled_as_the_config_says(scales: str, tmp_path: Path)
     assert np.allclose(policy.mean, 0.0) == (scales != "null")
 
 
-def test_interrupted_training_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    import torch
-
-    from agents import training
+def test_an_unfinished_run_is_said_to_be_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from agents import torch_file, training
+    from agents.checkpoints import Checkpoints
 
     class Interrupted(Exception):
         pass
 
-    write_checkpoint = training._write_checkpoint
+    write = Checkpoints._write
 
-    def write_second_and_stop(model, *rest):  # type: ignore[no-untyped-def]
-        write_checkpoint(model, *rest)
-        if model.num_timesteps >= 1024:
+    def write_second_and_stop(self: Checkpoints, steps: int) -> None:
+        write(self, steps)
+        if steps >= 1024:
             raise Interrupted
 
     folder = tmp_path / "run"
-    monkeypatch.setattr(training, "_write_checkpoint", write_second_and_stop)
+    monkeypatch.setattr(Checkpoints, "_write", write_second_and_stop)
     with pytest.raises(Interrupted):
         training.train(tiny_config(), folder, progress=False)
-    checkpoint = torch.load(folder / runs.CHECKPOINT, weights_only=True)
+    checkpoint = torch_file.read(folder / runs.CHECKPOINT)
     assert checkpoint["steps"] == 1024
     assert not runs.read_record(folder)["finished"]
     with pytest.raises(ValueError, match="unfinished"):
         agents.load(folder)
 
-    restored = []
-    restore = training._restore
-    monkeypatch.setattr(training, "_write_checkpoint", write_checkpoint)
-    monkeypatch.setattr(training, "_restore", lambda *arguments: (restore(*arguments), restored.append(arguments[0])))
+    monkeypatch.setattr(Checkpoints, "_write", write)
     training.train(tiny_config(), folder, progress=False)
-    assert len(restored) == 1
-    assert restored[0].num_timesteps == 2048
     assert [int(row["steps"]) for row in read_csv(folder / runs.CURVE)] == [512, 1024, 1536, 2048]
     assert runs.read_record(folder)["finished"]
-    assert runs.read_record(folder)["seconds"] > checkpoint["seconds"]
-
-
-def test_restored_model_is_the_one_that_was_saved(tmp_path: Path) -> None:
-    import torch
-    from stable_baselines3.common.vec_env import VecNormalize
-
-    from agents import training
-    from agents.training_env import RelativeObservations, make_training_env, task_equilibrium
-
-    config = tiny_config()
-    made = []
-    for _ in range(2):
-        env = VecNormalize(RelativeObservations(make_training_env(config), task_equilibrium(config)))
-        made.append((training.ALGORITHMS["ppo"].make_model(config, env, 0), env))
-    (first, first_env), (second, second_env) = made
-    first.learn(512)
-    training._write_checkpoint(first, first_env, tmp_path, seconds=1.0)
-    checkpoint = training._read_checkpoint(tmp_path)
-    assert checkpoint is not None
-    training._restore(second, second_env, checkpoint)
-    for there, here in zip(first.policy.parameters(), second.policy.parameters(), strict=True):
-        assert torch.equal(there, here)
-    moments = [model.policy.optimizer.state_dict()["state"][0]["exp_avg"] for model in (first, second)]
-    assert torch.equal(*moments)
-    assert moments[0].any()
-    for name in ("mean", "var", "count"):
-        assert np.array_equal(getattr(first_env.obs_rms, name), getattr(second_env.obs_rms, name))
-        assert np.array_equal(getattr(first_env.ret_rms, name), getattr(second_env.ret_rms, name))
+    assert runs.read_record(folder)["seconds"] > checkpoint["seconds"][0]
 
 
 def test_a_finished_run_is_not_trained_again(finished, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
@@ -393,54 +359,3 @@ def test_stabilisation_trains_and_compares(tmp_path: Path) -> None:
     text = compare(policy, config, tmp_path / "evaluation", episodes=3)
     assert "recovered" in text
     assert (tmp_path / "evaluation" / "paths.png").stat().st_size > 0
-
-
-@pytest.mark.parametrize("algorithm", ["sac", "tqc"])
-def test_algorithms_with_a_replay_buffer_train_and_go_on(
-    algorithm: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    if algorithm == "tqc":
-        pytest.importorskip("sb3_contrib")
-    from agents import training
-
-    changes = [
-        "training.steps=768",
-        "training.environments=8",
-        "training.checkpoint_every=256",
-        "network.layers=[8, 8]",
-        *(f"{algorithm}.{setting}" for setting in ("learning_starts=128", "batch_size=32", "gradient_steps=1")),
-    ]
-    config = read_config(default_path("damping", algorithm), changes)
-    folder = tmp_path / "run"
-
-    class Interrupted(Exception):
-        pass
-
-    write_checkpoint = training._write_checkpoint
-
-    def write_and_stop(*arguments):  # type: ignore[no-untyped-def]
-        write_checkpoint(*arguments)
-        raise Interrupted
-
-    monkeypatch.setattr(training, "_write_checkpoint", write_and_stop)
-    with pytest.raises(Interrupted):
-        training.train(config, folder, progress=False)
-    saved = training._read_checkpoint(folder)
-    assert saved is not None
-    assert saved["steps"] == 256
-    assert float(saved["entropy"]) != 0.0  # it has learnt, and is kept
-
-    restored = []
-    restore = training._restore
-    monkeypatch.setattr(training, "_write_checkpoint", write_checkpoint)
-
-    def restore_and_look(model, env, checkpoint):  # type: ignore[no-untyped-def]
-        restore(model, env, checkpoint)
-        restored.append((model.num_timesteps, float(model.log_ent_coef.detach())))
-
-    monkeypatch.setattr(training, "_restore", restore_and_look)
-    trained = training.train(config, folder, progress=False)
-    assert restored == [(256, float(saved["entropy"]))]
-    assert [int(row["steps"]) for row in read_csv(folder / runs.CURVE)] == [256, 512, 768]
-    states = trained.reference + 0.1 * np.random.default_rng(0).standard_normal((5, 18))
-    assert np.array_equal(agents.load(folder).predict(states)[0], trained.predict(states)[0])

@@ -230,45 +230,6 @@ def test_what_training_begins_with_is_lqr() -> None:
     assert np.ptp((seen**2).sum(axis=1) / cost) < 1e-4 * ((seen**2).sum(axis=1) / cost).mean()
 
 
-def test_interrupted_training_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from agents import shac, training
-
-    class Interrupted(Exception):
-        pass
-
-    folder = tmp_path / "run"
-    play = shac.SHAC.round
-    monkeypatch.setattr(shac.SHAC, "round", _after(5, play, Interrupted))
-    with pytest.raises(Interrupted):
-        training.train(tiny_config(), folder, progress=False)
-    checkpoint = torch.load(folder / runs.CHECKPOINT, weights_only=True)
-    assert checkpoint["steps"] == 512
-    assert not runs.read_record(folder)["finished"]
-
-    restored = []
-    restore = shac.SHAC.restore
-    monkeypatch.setattr(shac.SHAC, "round", play)
-    monkeypatch.setattr(shac.SHAC, "restore", lambda self, state: (restore(self, state), restored.append(self)))
-    training.train(tiny_config(), folder, progress=False)
-    assert len(restored) == 1
-    assert [int(row["steps"]) for row in read_csv(folder / runs.CURVE)] == list(range(128, 1025, 128))
-    assert runs.read_record(folder)["finished"]
-    assert not (folder / runs.CHECKPOINT).exists()
-
-
-def _after(count: int, function, error: type[Exception]):  # type: ignore[no-untyped-def]
-    """The function, which raises an error after so many calls."""
-    calls = []
-
-    def call(*arguments):  # type: ignore[no-untyped-def]
-        if len(calls) == count:
-            raise error
-        calls.append(1)
-        return function(*arguments)
-
-    return call
-
-
 def test_restored_learner_is_the_one_that_was_saved() -> None:
     from agents.differentiable import DifferentiableEnv
     from agents.residual import make_residual_network

@@ -15,6 +15,8 @@ import spring_pendulum_env
 from agents.baselines import Nothing
 from agents.controller import StateFeedback
 from agents.lqr import LQR
+from agents.trusted import is_archive
+from agents.trusted import load as load_archive
 from spring_pendulum_env.scenario import Scenario
 from spring_pendulum_env.tasks import TASKS, task_named
 
@@ -61,22 +63,25 @@ def choose(
     equilibrium: str | None = None,
     parameters: Mapping[str, float] | None = None,
     start_scale: float | None = None,
+    *,
+    trust: bool = False,
 ) -> Cast:
     """Find the controllers of these names and the task for them.
 
     Args:
-        names: each one of BUILT_IN, a shipped policy, or a run folder.
+        names: each one of BUILT_IN, a shipped policy, a run folder, or an archive of Stable-Baselines3.
         task: passive, damping, stabilisation or swing-up; None: what the first policy among the names was trained
             for, or damping where there is none.
         equilibrium: of the stabilisation task; None: as for the task.
         parameters: constants that replace those of the task.
         start_scale: multiplies the spread of the start; None: as for the task.
+        trust: whether archives may be loaded, which can run code.
 
     Raises:
         ValueError: a name, the task or an argument isn't known, or they don't go together.
         DependencyNotInstalled: a policy is named, and what runs it isn't installed.
     """
-    configs = {name: _config_of(name) for name in names if name not in BUILT_IN}
+    configs = {name: _config_of(name) for name in names if name not in BUILT_IN and not is_archive(name)}
     arguments: dict[str, Any] = {}
     if task is None and equilibrium is None and configs:
         config = next(iter(configs.values()))
@@ -92,10 +97,11 @@ def choose(
     if start_scale is not None:
         arguments["start_scale"] = start_scale
     scenario = Scenario.of(TASKS[environment_id], **arguments)
-    return Cast(environment_id, arguments, scenario, [(name, _player(name, scenario)) for name in names])
+    players = [(name, _player(name, environment_id, scenario, trust)) for name in names]
+    return Cast(environment_id, arguments, scenario, players)
 
 
-def _player(name: str, scenario: Scenario) -> Any:
+def _player(name: str, environment_id: str, scenario: Scenario, trust: bool) -> Any:
     if not scenario.task.actuated:
         if name != "nothing":
             raise ValueError(f"{name!r} can't play the passive task, whose anchor is held: allowed is 'nothing'")
@@ -113,6 +119,8 @@ def _player(name: str, scenario: Scenario) -> Any:
             max_force=scenario.max_force,
             actuated_axes=axes,
         )
+    if is_archive(name):
+        return load_archive(name, environment_id, axes, trust=trust)
     import torch
 
     from agents import load

@@ -23,7 +23,8 @@ def watch(options: argparse.Namespace) -> None:
         OSError: a file can't be written.
     """
     _check(options)
-    cast = choose(options.who, options.task, options.equilibrium, _constants(options.parameters), options.start_scale)
+    constants = _constants(options.parameters)
+    cast = choose(options.who, options.task, options.equilibrium, constants, options.start_scale, trust=options.trust)
     episodes = [Episode(cast, number, beyond_end=options.beyond_end) for number in range(len(cast.players))]
     try:
         if not (options.video or options.html or options.figures):
