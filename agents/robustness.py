@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import runs
 from agents.config import ENVIRONMENT_IDS
 from agents.disturbances import CALM, Disturbance
-from agents.entries import Entry, file_name
+from agents.entries import KINDS, Entry, file_name, kind_of
 from agents.evaluation import Trial, damping, fingerprint, seeds_of, stabilisation
 from agents.files import write_json
 from agents.measures import measures_of
@@ -169,7 +168,7 @@ def collect(
             for entry in entries:
                 found = shares(entry, base, sweep, folder, starts)
                 if found is not None:
-                    title = "shipped policy" if entry.name in runs.SHIPPED_NAMES else entry.title
+                    title = KINDS.get(kind_of(entry.name), entry.title)
                     results.setdefault(sweep.name, {}).setdefault(label(base), {})[title] = found
             told(f"done: {sweep.name}, {label(base)}")
     return results
