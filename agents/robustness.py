@@ -6,7 +6,7 @@ Each sweep makes one thing worse, step by step, from the task as it is; the star
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -209,3 +209,12 @@ def rows(results: Results) -> list[dict[str, str | float]]:
         for title, found in of_entries.items()
         for value, one in zip(SWEEPS[name].values, found, strict=True)
     ]
+
+
+def from_rows(lines: Iterable[Mapping[str, str]]) -> Results:
+    """The results that `rows` told, read again from text."""
+    results: Results = {}
+    for line in lines:
+        of_entries = results.setdefault(line["sweep"], {}).setdefault(line["task"], {})
+        of_entries.setdefault(line["entry"], []).append(Estimate(*(float(line[k]) for k in ("share", "low", "high"))))
+    return results
