@@ -9,12 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from agents.entries import kind_of
 from agents.evaluation import TRIALS, Trial
 from agents.leaderboard import RIVAL, Row
 from agents.measures import Measure, measures_of
 from agents.statistics import estimate, paired_difference
 from agents.tables import estimate_text, markdown, title
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -77,16 +82,23 @@ def more_than_tuned_lqr(factor: float = 1.0) -> Goal:
         times = f"{factor:g} times " if factor != 1.0 else ""
         goal = f"{success.title} more than {times}tuned LQR's {its.mean():.3f}"
         words = f"{estimate_text(estimate(mine, 'share'), 'share')}: more by {estimate_text(found, 'share')}"
-        if factor * its.mean() >= 1.0:
-            words += "; all starts would not do"
-        elif (
-            "optimum" in scores.rows
-            and factor * its.mean() > (best := scores.rows["optimum"].values[success.name]).mean()
-        ):
-            words += f"; the optimum, at least {best.mean():.2f}, would not do"
+        words += _beyond(factor, its, scores.rows.get("optimum"), success.name)
         return scores.verdict(goal, words, found.low > 0.0)
 
     return judge
+
+
+def _beyond(factor: float, shares: Array, optimum: Row | None, success: str) -> str:
+    """In words, whether a multiple of a share is more than there is, or than the optimum finds on its own starts."""
+    if factor * shares.mean() >= 1.0:
+        return "; all starts would not do"
+    if optimum is None:
+        return ""
+    best = optimum.values[success]
+    wanted = factor * shares[:, : best.shape[1]].mean()
+    if wanted <= best.mean():
+        return ""
+    return f"; on the optimum's {best.shape[1]} starts it would take {wanted:.2f}, and it finds {best.mean():.2f}"
 
 
 def below_tuned_lqr(name: str) -> Goal:

@@ -28,7 +28,7 @@ LOOKS = {
     "lqr-tuned": ("LQR, tuned", "#D55E00", "^"),
     "nmpc": ("NMPC", "#009E73", "s"),
     "policy": ("learned policy", "#0072B2", "o"),
-    "randomised": ("the same, trained on randomised parameters", "#56B4E9", "P"),
+    "randomised": ("learned policy, randomised parameters", "#56B4E9", "P"),
     "optimum": ("open-loop optimum (at least)", "#CC79A7", "D"),
 }
 
