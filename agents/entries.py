@@ -6,6 +6,7 @@ such as "runs/damping-ppo-seed*" that matches the folders of one training with s
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -124,8 +125,10 @@ def _learned(name: str, folders: Sequence[Path]) -> Entry:
     how = configs[0].algorithm.upper() + (" over LQR" if configs[0].guide is not None else "")
     count = f", {len(folders)} trainings" if len(folders) > 1 else ""
 
+    loaded = functools.cache(load)  # they keep nothing from step to step, and many trials ask for them
+
     def make(trial: Trial, _: Scenario) -> Sequence[Controller]:
-        return [load(folder) for folder, config in zip(folders, configs, strict=True) if is_for(config, trial)]
+        return [loaded(folder) for folder, config in zip(folders, configs, strict=True) if is_for(config, trial)]
 
     return Entry(name, f"{what} ({how}{count})", make, folders=tuple(folders))
 
