@@ -16,7 +16,8 @@ def load(name_or_folder: str | Path) -> LearnedPolicy:
     """Load a learned policy, whose `predict` takes the environment's raw observations, (18,) or (n, 18).
 
     `name_or_folder` is a shipped policy ("damping", "hanging-hanging", "hanging-inverted", "inverted-hanging",
-    "inverted-inverted") or the folder of a run. Raises ValueError where it is neither.
+    "inverted-inverted"; with "-randomised" behind the first, third and last, trained on randomised parameters) or the
+    folder of a run. Raises ValueError where it is neither.
     """
     from agents.policy import LearnedPolicy
 

@@ -6,6 +6,7 @@ such as "runs/damping-ppo-seed*" that matches the folders of one training with s
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,6 +38,8 @@ class Entry:
     title: str
     make: Callable[[Trial, Scenario], Sequence[Controller]]
     changes: Mapping[str, Any] = field(default_factory=dict)
+    folders: Sequence[Path] = ()
+    """Of the trainings, where something was trained."""
 
     def arguments(self, trial: Trial) -> dict[str, Any]:
         """For gym.make."""
@@ -89,16 +92,28 @@ CLASSICAL = {
 """By name."""
 
 
+KINDS = {"policy": "policy", "randomised": "policy, randomised"}
+"""Titles of the shipped policies, by kind: trained on the task as it is, or on randomised parameters."""
+
+
+def kind_of(name: str) -> str:
+    """What a table or a picture of all tasks calls an entry: a classical one by its name, a learned one by its kind."""
+    if name in runs.RANDOMISED_NAMES:
+        return "randomised"
+    return "policy" if name in runs.SHIPPED_NAMES else name
+
+
 def find(name: str) -> Entry:
     """The entry of a name (see above). Raises ValueError where it is none, or where a folder is no finished run."""
     if name in CLASSICAL:
         return CLASSICAL[name]
-    if name in runs.SHIPPED_NAMES:
-        return _learned(name, [runs.find_run(name), *sorted((runs.SHIPPED / "seeds").glob(f"{name}-*"))])
+    if runs.is_shipped(name):
+        folder = runs.find_run(name)
+        return _learned(name, [folder, *sorted((folder.parent / "seeds").glob(f"{folder.name}-*"))])
     pattern = Path(name)
     folders = sorted(pattern.parent.glob(pattern.name)) if "*" in pattern.name else [pattern]
     if not folders or not all(folder.is_dir() for folder in folders):
-        allowed = ", ".join((*CLASSICAL, *(n for n in runs.SHIPPED_NAMES if (runs.SHIPPED / n).is_dir())))
+        allowed = ", ".join((*CLASSICAL, *runs.available_names()))
         raise ValueError(f"entry is {name!r}; allowed are {allowed}, and the folder of a run or a pattern of several")
     return _learned(name, [runs.find_run(folder) for folder in folders])
 
@@ -106,14 +121,16 @@ def find(name: str) -> Entry:
 def _learned(name: str, folders: Sequence[Path]) -> Entry:
     """The policies in some run folders, for the trials of the task that they were trained for."""
     configs = [runs.read_run_config(folder) for folder in folders]
-    what = "policy" if name in runs.SHIPPED_NAMES else Path(name).name.rstrip("*-_") or name
+    what = KINDS[kind_of(name)] if runs.is_shipped(name) else Path(name).name.rstrip("*-_") or name
     how = configs[0].algorithm.upper() + (" over LQR" if configs[0].guide is not None else "")
     count = f", {len(folders)} trainings" if len(folders) > 1 else ""
 
-    def make(trial: Trial, _: Scenario) -> Sequence[Controller]:
-        return [load(folder) for folder, config in zip(folders, configs, strict=True) if is_for(config, trial)]
+    loaded = functools.cache(load)  # they keep nothing from step to step, and many trials ask for them
 
-    return Entry(name, f"{what} ({how}{count})", make)
+    def make(trial: Trial, _: Scenario) -> Sequence[Controller]:
+        return [loaded(folder) for folder, config in zip(folders, configs, strict=True) if is_for(config, trial)]
+
+    return Entry(name, f"{what} ({how}{count})", make, folders=tuple(folders))
 
 
 def is_for(config: Config, trial: Trial) -> bool:

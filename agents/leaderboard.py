@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from agents import runs, saved
 from agents.config import ENVIRONMENT_IDS
-from agents.entries import CLASSICAL, Entry, action_times, find, score_entry
+from agents.entries import CLASSICAL, KINDS, Entry, action_times, find, kind_of, score_entry
 from agents.evaluation import STARTS, TRIALS, Trial, summary_rows
 from agents.measures import Measure, measures_of
-from agents.statistics import paired_difference
+from agents.statistics import estimate, paired_difference
+from agents.tables import digits, estimate_text, markdown, title
 from agents.tables import entry as entry_text
-from agents.tables import estimate_text, markdown, title
 
 Array = NDArray[np.float64]
 
@@ -45,8 +45,9 @@ def classical_entries(trial: Trial) -> list[Entry]:
 
 def shipped_entries() -> tuple[list[Entry], list[str]]:
     """Entries of the shipped policies, and the names of those that are not there yet."""
-    there = [name for name in runs.SHIPPED_NAMES if (runs.SHIPPED / name).is_dir()]
-    return [find(name) for name in there], [name for name in runs.SHIPPED_NAMES if name not in there]
+    there = runs.available_names()
+    absent = [name for name in (*runs.SHIPPED_NAMES, *runs.RANDOMISED_NAMES) if name not in there]
+    return [find(name) for name in there], absent
 
 
 def scored_rows(trial: Trial, entries: Sequence[Entry], folder: Path, starts: int = STARTS) -> list[Row]:
@@ -140,16 +141,65 @@ def statistics_rows(trial: Trial, rows: Sequence[Row]) -> list[dict[str, Any]]:
     return [{"trial": trial.name} | columns for columns in summary_rows(values, trial.environment_id)]
 
 
-def summary(rows_of: Mapping[Trial, Sequence[Row]]) -> str:
+COLUMNS = {
+    "nothing": "nothing",
+    "lqr": "LQR",
+    "lqr-tuned": "LQR, tuned",
+    "nmpc": "NMPC",
+    **KINDS,
+    "optimum": "optimum, at least",
+}
+"""Titles of the summary's columns, by kind of entry."""
+
+
+def summary(rows_of: Mapping[Trial, Sequence[Row]], kinds: Sequence[str] = tuple(COLUMNS)) -> str:
     """One table of all shares: a line for each trial, a column for each kind of entry."""
-    kinds = ("nothing", "lqr", "lqr-tuned", "nmpc", "policy", "optimum")
-    titles = ("nothing", "LQR", "LQR, tuned", "NMPC", "policy", "optimum, at least")
-    lines = [["", *titles]]
+    lines = [["", *(COLUMNS[kind] for kind in kinds)]]
     for trial, rows in rows_of.items():
         success = measures_of(trial.environment_id).success
-        found = {row.name if row.name in kinds else "policy": row for row in rows if row.name not in ("drag", "damper")}
+        found = {kind_of(row.name): row for row in rows}
         cells = [entry_text(found[kind].values[success], "share") if kind in found else "-" for kind in kinds]
         lines.append([trial.name, *cells])
+    return markdown(lines)
+
+
+def trainings() -> str:
+    """A table of the shipped policies' trainings, from their run.json: seeds, steps, and time."""
+    lines = [["", "algorithm", "seeds", "steps", "processor time, median and longest (s)", "by the wall (s)"]]
+    for name in runs.available_names():
+        folders = find(name).folders
+        config, records = runs.read_run_config(folders[0]), [runs.read_record(folder) for folder in folders]
+        processor, wall = (np.array([record[key] for record in records]) for key in ("processor_seconds", "seconds"))
+        lines.append(
+            [
+                name,
+                config.algorithm.upper() + (" over LQR" if config.guide is not None else ""),
+                ", ".join(str(record["seed"]) for record in records),
+                f"{config.training.steps:,}",
+                f"{np.median(processor):.0f}, {processor.max():.0f}",
+                f"{np.median(wall):.0f}, {wall.max():.0f}",
+            ]
+        )
+    return markdown(lines)
+
+
+def retrained(rows_of: Mapping[Trial, Sequence[Row]]) -> str:
+    """A table that holds the last training of each shipped policy against the interval of those before it."""
+    lines = [["trial", "", "measure", "trainings before", "the last one", ""]]
+    for trial, rows in rows_of.items():
+        measures = measures_of(trial.environment_id).each
+        told = measures[:3] if trial.environment_id == ENVIRONMENT_IDS["damping"] else measures[:1]
+        for row in rows:
+            trainings = len(row.values[told[0].name])
+            if not runs.is_shipped(row.name) or trainings < 2:
+                continue
+            for measure in told:
+                values = row.values[measure.name]
+                before, last = estimate(values[:-1], measure.kind), estimate(values[-1:], measure.kind)
+                number = f"{last.value:.3f}" if measure.kind == "share" else digits(last.value)
+                within = "within" if before.low <= last.value <= before.high else "**outside**"
+                cells = [KINDS[kind_of(row.name)], title(measure), estimate_text(before, measure.kind), number, within]
+                lines.append([trial.name, *cells])
     return markdown(lines)
 
 

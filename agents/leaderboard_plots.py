@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from agents.config import ENVIRONMENT_IDS
+from agents.entries import kind_of
 from agents.evaluation import Trial
 from agents.files import write_atomically
 from agents.leaderboard import Row
@@ -27,9 +28,9 @@ LOOKS = {
     "lqr-tuned": ("LQR, tuned", "#D55E00", "^"),
     "nmpc": ("NMPC", "#009E73", "s"),
     "policy": ("learned policy", "#0072B2", "o"),
+    "randomised": ("learned policy, randomised parameters", "#56B4E9", "P"),
     "optimum": ("open-loop optimum (at least)", "#CC79A7", "D"),
 }
-OF_ALL_TRIALS = ("drag", "damper")  # these are for damping alone
 
 
 def plot_shares(rows_of: Mapping[Trial, Sequence[Row]], path: Path) -> None:
@@ -40,8 +41,8 @@ def plot_shares(rows_of: Mapping[Trial, Sequence[Row]], path: Path) -> None:
     for number, (trial, rows) in enumerate(rows_of.items()):
         axes.axhspan(number - 0.42, number + 0.42, color="black", alpha=0.035, linewidth=0)
         for row in rows:
-            kind = row.name if row.name in LOOKS else "policy"
-            if row.name in OF_ALL_TRIALS:
+            kind = kind_of(row.name)
+            if kind not in LOOKS:  # the damper is for damping alone, and a run has its row in the tables
                 continue
             found = estimate(row.values[measures_of(trial.environment_id).success], "share")
             label, colour, marker = LOOKS[kind]
@@ -80,7 +81,7 @@ def plot_damping(rows_of: Mapping[Trial, Sequence[Row]], path: Path) -> None:
             continue
         grid = np.linspace(0.0, 10.0, 501)
         share = (times[:, None] <= grid).mean(axis=0)
-        colour = LOOKS.get(row.name, LOOKS["policy"])[1] if row.name not in OF_ALL_TRIALS else "#666666"
+        colour = LOOKS[kind_of(row.name)][1] if kind_of(row.name) in LOOKS else "#666666"
         axes.plot(grid, share, color=colour, linestyle=styles[number % len(styles)], linewidth=2, label=row.title)
     axes.set(xlim=(0, 10), ylim=(0, 1.02), xlabel="time (s)", ylabel="share of starts settled by then")
     axes.set_title("Damping: excess energy under 1 % of its start, for good", loc="left", fontsize=11)

@@ -6,17 +6,16 @@ Each sweep makes one thing worse, step by step, from the task as it is; the star
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import runs
 from agents.config import ENVIRONMENT_IDS
 from agents.disturbances import CALM, Disturbance
-from agents.entries import Entry, file_name
+from agents.entries import KINDS, Entry, file_name, kind_of
 from agents.evaluation import Trial, damping, fingerprint, seeds_of, stabilisation
 from agents.files import write_json
 from agents.measures import measures_of
@@ -30,6 +29,9 @@ Array = NDArray[np.float64]
 STARTS = 300
 SPREAD = 0.05  # m, of the stabilisation starts in all sweeps but that of the spread
 PARAMETERS_SEED = 5
+SLOW = ("nmpc",)
+"""Entries that take seconds for an episode: they are played on fewer starts, where it is hardest."""
+HARDEST = "inverted-inverted"
 
 
 @dataclass(frozen=True)
@@ -158,18 +160,22 @@ def collect(
     bases: Sequence[Trial] = BASES,
     sweeps: Sequence[Sweep] = tuple(SWEEPS.values()),
     starts: int = STARTS,
+    slow_starts: int = 0,
     told: Callable[[str], None] = print,
 ) -> Results:
-    """All shares; `told` hears of each sweep that is done."""
+    """All shares; `told` hears of each sweep that is done. SLOW entries have `slow_starts`, at the HARDEST."""
     results: Results = {}
     for sweep in sweeps:
         for base in bases:
             if sweep.name not in [each.name for each in sweeps_of(base)]:
                 continue
             for entry in entries:
-                found = shares(entry, base, sweep, folder, starts)
+                slow = entry.name in SLOW
+                if slow and (slow_starts == 0 or label(base) != HARDEST):
+                    continue
+                found = shares(entry, base, sweep, folder, slow_starts if slow else starts)
                 if found is not None:
-                    title = "shipped policy" if entry.name in runs.SHIPPED_NAMES else entry.title
+                    title = KINDS.get(kind_of(entry.name), entry.title) + (f", {slow_starts} starts" if slow else "")
                     results.setdefault(sweep.name, {}).setdefault(label(base), {})[title] = found
             told(f"done: {sweep.name}, {label(base)}")
     return results
@@ -210,3 +216,12 @@ def rows(results: Results) -> list[dict[str, str | float]]:
         for title, found in of_entries.items()
         for value, one in zip(SWEEPS[name].values, found, strict=True)
     ]
+
+
+def from_rows(lines: Iterable[Mapping[str, str]]) -> Results:
+    """The results that `rows` told, read again from text."""
+    results: Results = {}
+    for line in lines:
+        of_entries = results.setdefault(line["sweep"], {}).setdefault(line["task"], {})
+        of_entries.setdefault(line["entry"], []).append(Estimate(*(float(line[k]) for k in ("share", "low", "high"))))
+    return results

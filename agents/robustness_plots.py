@@ -15,11 +15,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agents.files import write_atomically
-from agents.plots import COLOURS, STYLES
+from agents.leaderboard import COLUMNS
+from agents.leaderboard_plots import LOOKS
 from agents.robustness import SPREAD, SWEEPS, Results
 from agents.statistics import Estimate
 
-MARKERS = ("o", "^", "s", "v", "D", "x")
+OTHER = (("damper, tuned", "#222222", "P"), ("", "#CC79A7", "D"), ("", "#F0E442", "X"))
+"""Name, colour and marker of the damper and of further entries; the others' are those of the leaderboard."""
 
 
 def plot_sweeps(results: Results, path: Path) -> None:
@@ -32,7 +34,7 @@ def plot_sweeps(results: Results, path: Path) -> None:
     figure, grid = plt.subplots(len(tasks), len(names), figsize=size, layout="constrained", squeeze=False, sharey=True)
     for row, task in zip(grid, tasks, strict=True):
         for axes, name in zip(row, names, strict=True):
-            _draw(axes, name, results[name].get(task, {}), _looks(results))
+            _draw(axes, name, results[name].get(task, {}), results)
             if axes not in grid[-1]:
                 axes.tick_params(labelbottom=False)
         row[0].set_ylabel(f"{task}\nshare of starts", fontsize=9)
@@ -53,7 +55,7 @@ def plot_region(results: Results, path: Path) -> None:
         return
     figure, grid = plt.subplots(2, 2, figsize=(8.5, 6.2), layout="constrained", sharex=True, sharey=True)
     for axes, (task, of_entries) in zip(grid.ravel(), of_tasks.items(), strict=False):
-        _draw(axes, "spread", of_entries, _looks(results))
+        _draw(axes, "spread", of_entries, results)
         axes.set_title(task, fontsize=10)
     for axes in grid[-1]:
         axes.set_xlabel("spread of the starts (m, m/s)")
@@ -64,22 +66,38 @@ def plot_region(results: Results, path: Path) -> None:
     _save(figure, path)
 
 
-def _looks(results: Results) -> dict[str, int]:
-    """A number for each entry's looks."""
+def _looks(results: Results) -> dict[str, tuple[str, str, str]]:
+    """Name, colour and marker by entry's title."""
     titles = dict.fromkeys(t for of_tasks in results.values() for of_entries in of_tasks.values() for t in of_entries)
-    return {title: number % len(COLOURS) for number, title in enumerate(titles)}
+    known = {COLUMNS[kind]: look for kind, look in LOOKS.items()}
+    looks, others = {}, 0
+    for title in titles:
+        if title in known:
+            looks[title] = known[title]
+        elif title.startswith("NMPC"):
+            looks[title] = (title, *LOOKS["nmpc"][1:])
+        else:
+            looks[title] = (title, *OTHER[others % len(OTHER)][1:])
+            others += 1
+    return looks
 
 
-def _draw(axes: Axes, name: str, of_entries: dict[str, list[Estimate]], looks: dict[str, int]) -> None:
-    values = SWEEPS[name].scale * np.array(SWEEPS[name].values)
+def _draw(axes: Axes, name: str, of_entries: dict[str, list[Estimate]], results: Results) -> None:
+    """One panel: values at even distances, but for the spread, whose size means something."""
+    sweep, looks = SWEEPS[name], _looks(results)
+    values = sweep.scale * np.array(sweep.values)
+    places = values if name == "spread" else np.arange(len(values))
     for title, found in of_entries.items():
-        look = looks[title]
+        label, colour, marker = looks[title]
         low, value, high = (np.array([getattr(one, part) for one in found]) for part in ("low", "value", "high"))
-        axes.fill_between(values, low, high, color=COLOURS[look], alpha=0.15, linewidth=0)
-        axes.plot(
-            values, value, color=COLOURS[look], linestyle=STYLES[look], marker=MARKERS[look], markersize=4, label=title
-        )
-    axes.set(ylim=(-0.03, 1.03), xlim=(values[0], values[-1]))
+        axes.fill_between(places, low, high, color=colour, alpha=0.15, linewidth=0)
+        axes.plot(places, value, color=colour, marker=marker, markersize=5, linewidth=1.6, label=label, clip_on=False)
+    if name == "spread":
+        axes.set_xticks([0.01, 0.05, 0.1, 0.15, 0.2, 0.3])
+    else:
+        axes.set_xticks(places, [f"{value:g}" for value in values])
+    margin = 0.04 * (places[-1] - places[0])
+    axes.set(ylim=(-0.03, 1.03), xlim=(places[0] - margin, places[-1] + margin))
     axes.grid(alpha=0.3)
 
 
@@ -88,9 +106,9 @@ def _legend(figure: Figure, results: Results) -> None:
     for axes in figure.axes:
         lines, titles = axes.get_legend_handles_labels()
         handles |= dict(zip(titles, lines, strict=True))
-    order = [title for title in _looks(results) if title in handles]
-    shown: Any = [handles[title] for title in order]
-    figure.legend(shown, order, loc="outside lower center", ncols=4, frameon=False)
+    order = [name for name, _, _ in _looks(results).values() if name in handles]
+    shown: Any = [handles[name] for name in order]
+    figure.legend(shown, order, loc="outside lower center", ncols=3, frameon=False)
 
 
 def _save(figure: Figure, path: Path) -> None:

@@ -40,6 +40,8 @@ TENSORBOARD = "tensorboard"
 ROOT = Path(__file__).resolve().parent.parent
 SHIPPED = Path(__file__).resolve().parent / "policies"
 SHIPPED_NAMES = ("damping", "hanging-hanging", "hanging-inverted", "inverted-hanging", "inverted-inverted")
+RANDOMISED_NAMES = ("damping-randomised", "hanging-inverted-randomised", "inverted-inverted-randomised")
+"""Policies of the same tasks that were trained on randomised parameters."""
 PACKAGES = ("gymnasium", "numpy", "scipy", "numba", "torch", "stable_baselines3")
 
 
@@ -53,10 +55,10 @@ def find_run(name_or_folder: str | Path) -> Path:
             f"run is {str(name_or_folder)!r}, an archive of Stable-Baselines3, which can run code when it is loaded: "
             "scripts/evaluate.py and scripts/watch.py take it with --trust; allowed are also our own run folders"
         )
-    shipped = str(name_or_folder) in SHIPPED_NAMES
-    folder = SHIPPED / str(name_or_folder) if shipped else Path(name_or_folder)
+    shipped = is_shipped(str(name_or_folder))
+    folder = shipped_folder(str(name_or_folder)) if shipped else Path(name_or_folder)
     if not folder.is_dir():
-        available = [name for name in SHIPPED_NAMES if (SHIPPED / name).is_dir()]
+        available = available_names()
         raise ValueError(
             f"{'policy' if shipped else 'run'} is {str(name_or_folder)!r}, which is not there; allowed are the folder "
             f"of a run made by scripts/train.py and the shipped policies ({', '.join(available) or 'none so far'})"
@@ -72,6 +74,22 @@ def find_run(name_or_folder: str | Path) -> Path:
             "allowed is the folder of a finished run made by scripts/train.py"
         )
     return folder
+
+
+def is_shipped(name: str) -> bool:
+    """Whether this is the name of a shipped policy."""
+    return name in SHIPPED_NAMES or name in RANDOMISED_NAMES
+
+
+def shipped_folder(name: str) -> Path:
+    """Where a shipped policy lies; those of the same training with other seeds are in `seeds` beside it."""
+    task = name.removesuffix("-randomised")
+    return SHIPPED / "randomised" / task if name in RANDOMISED_NAMES else SHIPPED / task
+
+
+def available_names() -> list[str]:
+    """The shipped policies that are there."""
+    return [name for name in (*SHIPPED_NAMES, *RANDOMISED_NAMES) if shipped_folder(name).is_dir()]
 
 
 def is_unfinished(folder: Path) -> bool:

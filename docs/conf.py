@@ -22,7 +22,6 @@ extensions = [
     "extensions.docstrings",
     "extensions.equations",
     "extensions.manual",
-    "extensions.optional",
 ]
 exclude_patterns = ["extensions", "_static"]
 myst_enable_extensions = ["dollarmath", "colon_fence"]

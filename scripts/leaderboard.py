@@ -26,18 +26,23 @@ def main() -> None:
         "--fill", action="append", choices=("nmpc", "optimum"), default=[], help="what is not saved yet"
     )
     parser.add_argument("--slow-starts", type=int, default=100, help="starts of NMPC and the optimum (default: 100)")
+    parser.add_argument(
+        "--docs", action="store_true", help="put tables and figures into docs/control and README.md too"
+    )
     options = parser.parse_args()
 
-    from agents import leaderboard  # slow to import: after the arguments were read
+    from agents import leaderboard, leaderboard_pages  # slow to import: after the arguments were read
     from agents.entries import find_all
     from agents.evaluation import STARTS, TRIALS, trial_named
-    from agents.files import write_csv, write_text
+    from agents.files import write_text
 
     trials = [trial_named(name) for name in options.trial or TRIALS]
     for name in dict.fromkeys([*options.anew, *options.fill]):
         from agents.slow import fill
 
         fill(name, trials, options.slow_starts, anew=name in options.anew)
+    if options.docs and (options.trial or options.starts):
+        raise ValueError("--docs is for all trials and starts; allowed is it without --trial and --starts")
     rows_of = leaderboard.collect(
         options.folder / "scores",
         trials=trials,
@@ -45,21 +50,15 @@ def main() -> None:
         starts=options.starts or STARTS,
         told=lambda text: print(text, file=sys.stderr, flush=True),
     )
-    text = []
-    for trial, rows in rows_of.items():
-        text += [leaderboard.heading(trial), "", leaderboard.table(trial, rows), ""]
-        text += [line for sentence in leaderboard.differences(trial, rows) for line in (sentence, "")]
-    text += ["### Share of starts recovered or settled", "", leaderboard.summary(rows_of)]
-    print("\n".join(text))
-    write_text(options.folder / "leaderboard.md", "\n".join(text) + "\n")
-    numbers = [line for trial, rows in rows_of.items() for line in leaderboard.statistics_rows(trial, rows)]
-    write_csv(options.folder / "leaderboard.csv", numbers)
-
-    from agents.leaderboard_plots import plot_damping, plot_shares
-
-    plot_shares(rows_of, options.folder / "shares.png")
-    plot_damping(rows_of, options.folder / "damping.png")
+    parts = leaderboard_pages.parts(rows_of)
+    text = leaderboard_pages.whole(parts)
+    print(text)
+    write_text(options.folder / "leaderboard.md", text + "\n")
+    leaderboard_pages.write_figures(rows_of, options.folder)
     print(f"\ntables, numbers and figures: {options.folder}", file=sys.stderr)
+    if options.docs:
+        leaderboard_pages.write_docs(rows_of, parts)
+        print(f"and in {leaderboard_pages.DOCS} and {leaderboard_pages.README}", file=sys.stderr)
 
 
 if __name__ == "__main__":

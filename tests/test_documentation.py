@@ -83,18 +83,6 @@ def test_manuals_hold_the_whole_docstring_between_them_and_nothing_else(extensio
         manual("Nope-v0")
 
 
-def test_file_taken_into_a_page_keeps_its_pictures_and_fits_its_headings(extension: Any, tmp_path: Path) -> None:
-    (tmp_path / "leaderboard").mkdir()
-    file = tmp_path / "leaderboard" / "leaderboard.md"
-    file.write_text("# Title\n\n### Damping\n\n![shares](shares.png) [there](https://example.org)\n\n#### More\n")
-    text = extension("optional").taken_in(file, tmp_path)
-    assert text.strip().split("\n\n") == [
-        "## Damping",
-        "![shares](leaderboard/shares.png) [there](https://example.org)",
-        "### More",
-    ]
-
-
 def test_links_that_lead_nowhere_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     check = importlib.import_module("check_links").check

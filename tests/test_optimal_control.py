@@ -155,7 +155,10 @@ def test_a_failing_solver_is_counted_and_lqr_asked(monkeypatch: pytest.MonkeyPat
     assert actions == pytest.approx(lqr.predict(far)[0])
 
 
-@pytest.mark.parametrize("trial", ["inverted-inverted-0.05", "hanging-inverted-0.1", "damping"])
+@pytest.mark.parametrize(
+    "trial",
+    ["damping", "hanging-hanging-0.1", "hanging-inverted-0.1", "inverted-hanging-0.3", "inverted-inverted-0.05"],
+)
 def test_rewards_rank_nmpc_over_lqr_over_nothing(trial: str) -> None:
     """By the mean over episodes of the saved NMPC runs, and of LQR and nothing on the same starts."""
     from agents.entries import find

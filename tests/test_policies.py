@@ -10,9 +10,10 @@ import pytest
 
 import agents
 from agents import runs
-from agents.config import default_path, read_config
+from agents.config import FOLDER, default_path, read_config
 from agents.controller import Controller
-from agents.evaluation import FIRST_SEED
+from agents.entries import find
+from agents.evaluation import FIRST_SEED, TRIALS
 from agents.files import read_csv
 from agents.lqr import LQR
 from agents.measures import MEASURES
@@ -73,13 +74,37 @@ def test_shipped_damping_is_faster_than_lqr() -> None:
     assert np.median(policy["energy_integral"] - lqr["energy_integral"]) < 0
 
 
-@pytest.mark.parametrize("folder", sorted((runs.SHIPPED / "seeds").iterdir()), ids=lambda folder: folder.name)
+FURTHER = sorted(path for path in runs.SHIPPED.glob("**/seeds/*") if path.is_dir())
+
+
+@pytest.mark.parametrize("folder", FURTHER, ids=lambda folder: str(folder.relative_to(runs.SHIPPED)))
 def test_further_seeds_differ_from_the_shipped_policy_by_the_seed_alone(folder: Path) -> None:
     name, _, seed = folder.name.rpartition("-")
-    shipped = runs.read_run_config(runs.SHIPPED / name)
+    first = folder.parent.parent / name
+    shipped = runs.read_run_config(first)
     config = runs.read_run_config(folder)
     assert config.training.seed == int(seed) != shipped.training.seed
     assert config.model_copy(update={"training": shipped.training}) == shipped
     assert runs.read_record(folder)["finished"]
-    states = agents.load(name).reference + 0.1 * np.random.default_rng(0).standard_normal((10, 18))
-    assert not np.allclose(agents.load(folder).predict(states)[0], agents.load(name).predict(states)[0], atol=1e-3)
+    states = agents.load(first).reference + 0.1 * np.random.default_rng(0).standard_normal((10, 18))
+    assert not np.allclose(agents.load(folder).predict(states)[0], agents.load(first).predict(states)[0], atol=1e-3)
+
+
+@pytest.mark.parametrize("name", runs.RANDOMISED_NAMES)
+def test_policies_of_randomised_parameters_are_entries_of_their_own(name: str) -> None:
+    policy = agents.load(name)
+    equilibrium = policy.config.environment.equilibrium
+    task = f"stabilisation-{equilibrium}" if equilibrium else "damping"
+    own = FOLDER / "randomised" / f"{task}-shac.yaml"
+    assert read_config(own, [f"training.seed={policy.config.training.seed}"]) == policy.config
+    assert policy.config.environment.randomise
+    assert len(find(name).folders) >= 3
+    trials = [trial for trial in TRIALS.values() if trial.equilibrium == (equilibrium or "hanging-hanging")]
+    plain = find(name.removesuffix("-randomised"))
+    assert [bool(find(name).controllers(t)) for t in trials] == [bool(plain.controllers(t)) for t in trials]
+
+
+@pytest.mark.parametrize("name", ["damping", "inverted-inverted"])
+def test_at_least_five_trainings_where_it_matters_most(name: str) -> None:
+    assert len(find(name).folders) >= 5
+    assert all(len(find(other).folders) >= 3 for other in runs.SHIPPED_NAMES)

@@ -140,7 +140,7 @@ def _config_of(name: str) -> Any:
     except ImportError as error:
         hint = f"the policy {name!r} needs {error.name}: pip install '.[train]'"
         raise gym.error.DependencyNotInstalled(hint) from None
-    if name not in runs.SHIPPED_NAMES and not Path(name).is_dir():
-        allowed = ", ".join((*BUILT_IN, *runs.SHIPPED_NAMES))
+    if not runs.is_shipped(name) and not Path(name).is_dir():
+        allowed = ", ".join((*BUILT_IN, *runs.SHIPPED_NAMES, *runs.RANDOMISED_NAMES))
         raise ValueError(f"controller {name!r} is unknown: must be {allowed}, or the folder of a run")
     return runs.read_run_config(runs.find_run(name))
