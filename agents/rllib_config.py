@@ -87,8 +87,9 @@ def _ppo(config: Config, _: int, steps_before: int) -> AlgorithmConfig:
         use_kl_loss=False,
         grad_clip=own.max_grad_norm,
         grad_clip_by="global_norm",
-        learner_class=ScalingPPOLearner if config.training.normalise_reward else None,
     )
+    if config.training.normalise_reward:
+        rllib.learners(learner_class=ScalingPPOLearner)
     spec = RLModuleSpec(module_class=PPOModule, model_config={CONFIG: config.model_dump(mode="json")})
     return rllib.rl_module(rl_module_spec=spec)
 

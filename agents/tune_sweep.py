@@ -54,7 +54,9 @@ def run_by_tune(
                 ),
             )
         results = tuner.fit()
-        failures = [f"{_named(result.config)}: {' '.join(str(result.error).split())}" for result in results if result.error]
+        failures = [
+            f"{_named(result.config)}: {' '.join(str(result.error).split())}" for result in results if result.error
+        ]
         done = {str(_named(result.config)) for result in results}
     if failures:
         raise ValueError(f"{len(failures)} of {len(members)} trainings failed: {'; '.join(failures)}")
@@ -75,4 +77,7 @@ def _trial(settings: Mapping[str, str], jobs: Mapping[str, Mapping[str, Any]]) -
     job = jobs[str(member_folder(settings))]
     train_and_score(**job)
     scores = read_arrays(Path(job["folder"]) / SCORES)
-    tune.report({"seed": int(settings[SEED])} | {name: float(array.mean()) for name, array in scores.items() if array.dtype == float})
+    tune.report(
+        {"seed": int(settings[SEED])}
+        | {name: float(array.mean()) for name, array in scores.items() if array.dtype == float}
+    )
