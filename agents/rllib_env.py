@@ -5,6 +5,7 @@ RLlib makes it by `gym_env_vectorize_mode = VECTOR_ENTRY_POINT`, which calls `ma
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -35,9 +36,8 @@ def make_runner_env(context: Any) -> VectorEnv[Any, Any, Any]:
 
 
 def _was_restarted() -> bool:
-    import ray
-
-    return ray.is_initialized() and bool(ray.get_runtime_context().was_current_actor_reconstructed)
+    ray: Any = sys.modules.get("ray")  # it is there in a runner, and this module does without it elsewhere
+    return ray is not None and ray.is_initialized() and bool(ray.get_runtime_context().was_current_actor_reconstructed)
 
 
 class RunnerEnv(VectorWrapper):

@@ -6,8 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from agents.config import check_config
+from agents.files import read_arrays
+from agents.measures import measures_of
 from agents.ray_start import ray_running
-from agents.sweep import SCORES, SEED, Member, member_folder, train_and_score
+from agents.sweep import SCORES, Member, member_folder, train_and_score
 
 TUNE = "tune"
 """Folder of Tune's own records, in that of the sweep."""
@@ -54,12 +57,11 @@ def run_by_tune(
                 ),
             )
         results = tuner.fit()
-        failures = [
-            f"{_named(result.config)}: {' '.join(str(result.error).split())}" for result in results if result.error
-        ]
+        errors = {_named(result.config): " ".join(str(result.error).split()) for result in results if result.error}
         done = {str(_named(result.config)) for result in results}
-    if failures:
-        raise ValueError(f"{len(failures)} of {len(members)} trainings failed: {'; '.join(failures)}")
+    if errors:
+        told = "; ".join(f"{name}: {error}" for name, error in errors.items())
+        raise ValueError(f"{len(errors)} of {len(members)} trainings failed: {told}")
     if done != set(jobs):
         raise ValueError(f"folder is {str(folder)!r}, which holds another sweep ({', '.join(sorted(done))})")
 
@@ -72,12 +74,8 @@ def _trial(settings: Mapping[str, str], jobs: Mapping[str, Mapping[str, Any]]) -
     """One training, in a process of Ray's."""
     from ray import tune
 
-    from agents.files import read_arrays
-
     job = jobs[str(member_folder(settings))]
     train_and_score(**job)
+    measures = measures_of(check_config(job["config"]).environment_id).each
     scores = read_arrays(Path(job["folder"]) / SCORES)
-    tune.report(
-        {"seed": int(settings[SEED])}
-        | {name: float(array.mean()) for name, array in scores.items() if array.dtype == float}
-    )
+    tune.report({measure.name: float(scores[measure.name].mean()) for measure in measures})

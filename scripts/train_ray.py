@@ -37,9 +37,7 @@ def main() -> None:
     train(config, folder, runners=options.runners, address=options.address)
     record, more = runs.read_record(folder), json.loads((folder / RECORD).read_text(encoding="utf-8"))
     print(f"trained for {record['steps']:,} steps in {record['seconds']:.0f} s: {folder}")
-    print(
-        f"{more['steps_per_second']:,} steps/s, {more['runners']} runners, of which {more['runners_restarted']} restarted"
-    )
+    print(f"{more['steps_per_second']:,} steps/s with {more['runners']} runners, restarts: {more['runners_restarted']}")
     print(f"to see how good it is: scripts/evaluate.py {folder}")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import subprocess
 import sys
@@ -85,9 +86,8 @@ def test_table_has_the_interval_over_seeds(sweep: tuple[list[Member], Path, str]
         "ppo.gamma=0.9 (2 seeds)",
         "ppo.gamma=0.99 (2 seeds)",
     ]
-    rewards = np.stack(
-        [read_arrays(member.folder / SCORES)["reward"] for member in members if "0.99" in member.variant]
-    )
+    those = [member for member in members if "0.99" in member.variant]
+    rewards = np.stack([read_arrays(member.folder / SCORES)["reward"] for member in those])
     row = next(
         row
         for row in read_csv(folder / "summary.csv")
@@ -178,6 +178,7 @@ def test_first_episodes_are_cut_at_staggered_lengths_and_reset_in_the_next_step(
     ends: list[tuple[int, int]] = []
     before = np.zeros(8, dtype=bool)
     for step in range(1, 1100):
+        force = -force  # to and fro, and never beyond the track
         observations, rewards, terminated, truncated, _ = env.step(force)
         assert not terminated.any()
         assert not (before & truncated).any()
@@ -189,7 +190,7 @@ def test_first_episodes_are_cut_at_staggered_lengths_and_reset_in_the_next_step(
     assert limit is not None
     lengths = [[step for row, step in ends if row == of] for of in range(8)]
     assert [steps[0] for steps in lengths] == [1 + row * limit // 8 for row in range(8)]
-    assert all(b - a == limit + 1 for steps in lengths for a, b in zip(steps, steps[1:], strict=False))
+    assert all(b - a == limit + 1 for steps in lengths for a, b in itertools.pairwise(steps))
 
 
 def test_observations_without_scales_are_refused() -> None:
