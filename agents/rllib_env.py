@@ -37,7 +37,11 @@ def make_runner_env(context: Any) -> VectorEnv[Any, Any, Any]:
 
 def _was_restarted() -> bool:
     ray: Any = sys.modules.get("ray")  # it is there in a runner, and this module does without it elsewhere
-    return ray is not None and ray.is_initialized() and bool(ray.get_runtime_context().was_current_actor_reconstructed)
+    if ray is None or not ray.is_initialized():
+        return False
+    context = ray.get_runtime_context()
+    in_worker = context.worker.mode == ray.WORKER_MODE  # elsewhere it is an error to ask for more
+    return in_worker and bool(context.was_current_actor_reconstructed)
 
 
 class RunnerEnv(VectorWrapper):
