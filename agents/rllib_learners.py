@@ -42,9 +42,10 @@ class ScaleRewards(ConnectorV2):
         self.statistics.update(np.array(sums))
         scale = np.sqrt(self.statistics.var + EPSILON)
         for episode, own in zip(episodes, rewards, strict=True):
-            scaled = np.clip(own / scale, -CLIP, CLIP).astype(np.float32)
-            episode.rewards.data = np.array(episode.rewards.data, dtype=np.float32)  # Ray's own copy can't be written
-            episode.set_rewards(new_data=scaled, at_indices=slice(0, len(scaled)))
+            data = np.array(episode.rewards.data, dtype=np.float32)  # a copy, since Ray's can't be written to
+            first = episode.rewards.lookback
+            data[first : first + len(own)] = np.clip(own / scale, -CLIP, CLIP)
+            episode.rewards.data = data
         return batch
 
     def _forget_all_but(self, episodes: list[Any]) -> None:
