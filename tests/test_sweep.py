@@ -17,10 +17,10 @@ import gymnasium as gym
 
 from agents import runs
 from agents.config import default_path, read_config
-from agents.files import read_arrays, read_csv
+from agents.files import read_arrays, read_csv, write_text
 from agents.policy import LearnedPolicy
 from agents.rllib_env import RunnerEnv, env_settings, fixed_variance, make_runner_env
-from agents.sweep import SCORES, Member, grid, members_of, run_in_processes, write_table
+from agents.sweep import SCORES, Member, grid, members_of, run_in_processes, train_and_score, write_table
 
 ROOT = Path(__file__).resolve().parent.parent
 CONFIG = ROOT / "configs" / "damping-ppo.yaml"
@@ -64,9 +64,13 @@ def test_a_sweep_that_makes_no_sense_is_refused(tries: list[list[str]], seeds: l
 
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Member], Path, str]:
+    """Two settings with two seeds; a fifth training fails, since its folder is somebody else's."""
     folder = tmp_path_factory.mktemp("sweep")
     members = members_of(CONFIG, TINY, grid([["ppo.gamma=0.9", "0.99"]], [0, 1]), folder)
-    run_in_processes(members, processes=2, starts=4, progress=False)
+    (barred,) = members_of(CONFIG, TINY, grid([], [7]), folder)
+    write_text(barred.folder / "letter.txt", "mine")
+    with pytest.raises(ValueError, match=r"1 of 5 trainings failed: .*seed7: .*holds files but no run"):
+        run_in_processes([barred, *members], processes=2, starts=4, progress=False)
     return members, folder, write_table(members, folder)
 
 
@@ -87,11 +91,12 @@ def test_table_has_the_interval_over_seeds(sweep: tuple[list[Member], Path, str]
         "ppo.gamma=0.99 (2 seeds)",
     ]
     those = [member for member in members if "0.99" in member.variant]
-    rewards = np.stack([read_arrays(member.folder / SCORES)["reward"] for member in those])
+    rewards = np.stack([read_arrays(member.folder / SCORES)["mean_reward"] for member in those])
     row = next(
         row
         for row in read_csv(folder / "summary.csv")
-        if (row["controller"], row["measure"], row["statistic"]) == ("ppo.gamma=0.99 (2 seeds)", "reward", "median")
+        if (row["controller"], row["measure"], row["statistic"])
+        == ("ppo.gamma=0.99 (2 seeds)", "mean_reward", "median")
     )
     assert (row["trainings"], row["episodes"]) == ("2", "4")
     assert float(row["low"]) <= float(np.median(rewards)) <= float(row["high"])
@@ -99,20 +104,10 @@ def test_table_has_the_interval_over_seeds(sweep: tuple[list[Member], Path, str]
 
 
 def test_what_is_done_is_not_done_again(sweep: tuple[list[Member], Path, str]) -> None:
-    members, _, _ = sweep
-    times = [(member.folder / name).stat().st_mtime_ns for member in members for name in (runs.POLICY, SCORES)]
-    run_in_processes(members[:1], processes=1, starts=4, progress=False)
-    again = [(member.folder / name).stat().st_mtime_ns for member in members for name in (runs.POLICY, SCORES)]
-    assert again == times
-
-
-def test_one_that_fails_is_named_and_the_others_are_done(tmp_path: Path) -> None:
-    members = members_of(CONFIG, TINY, grid([], [0, 1]), tmp_path)
-    members[0].folder.mkdir(parents=True)
-    (members[0].folder / "letter.txt").write_text("mine")
-    with pytest.raises(ValueError, match=r"1 of 2 trainings failed: .*seed0.*holds files but no run"):
-        run_in_processes(members, processes=2, starts=2, progress=False)
-    assert runs.read_record(members[1].folder)["finished"]
+    member = sweep[0][0]
+    times = [(member.folder / name).stat().st_mtime_ns for name in (runs.POLICY, SCORES)]
+    train_and_score(member.config.model_dump(mode="json"), str(member.folder), starts=4)
+    assert [(member.folder / name).stat().st_mtime_ns for name in (runs.POLICY, SCORES)] == times
 
 
 def test_the_script_says_in_one_line_what_is_wrong() -> None:
