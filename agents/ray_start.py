@@ -26,6 +26,9 @@ def ray_running(address: str | None, processes: int) -> Iterator[None]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")
+    if address is None:
+        # Ray takes 127.0.0.1 for its node, and then listens nowhere else, where it believes that it can't be a cluster.
+        os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
     try:
         import ray
     except ImportError as error:
@@ -35,7 +38,6 @@ def ray_running(address: str | None, processes: int) -> Iterator[None]:
             num_cpus=max(processes, 1),
             object_store_memory=OBJECT_STORE,
             include_dashboard=False,
-            _node_ip_address="127.0.0.1",
             runtime_env={"env_vars": {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}},
             logging_level=logging.ERROR,
             log_to_driver=False,

@@ -182,6 +182,18 @@ class TestTwoRunners:
         assert len({one[3] for one in seen} | {os.getpid()}) == 3
         assert len(np.unique(np.concatenate([one[4] for one in seen]), axis=0)) == 8
 
+    def test_nothing_listens_beyond_this_machine(self, algorithm: Any) -> None:
+        assert algorithm.env_runner_group.num_healthy_remote_workers() == 2
+        family = [psutil.Process(), *psutil.Process().children(recursive=True)]
+        listening = [
+            connection.laddr.ip
+            for process in family
+            for connection in process.net_connections(kind="inet")
+            if connection.status == psutil.CONN_LISTEN
+        ]
+        assert len(listening) > 3
+        assert set(listening) <= {"127.0.0.1", "::1"}
+
     def test_what_is_sampled_is_whole_and_never_across_a_reset(self, algorithm: Any) -> None:
         """Each step of an episode leads where the physics do: a reset taken for a step would show."""
         config = tiny_config("ppo")
