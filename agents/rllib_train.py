@@ -85,7 +85,7 @@ class _Training:
         self.config, self.folder, self.runners = config, folder, runners
         self.steps_before = self.steps = self.saved_at = int(checkpoint["steps"]) if checkpoint else 0
         self.seconds_before = float(checkpoint["seconds"]) if checkpoint else 0.0
-        self.restarts = int(checkpoint["restarts"]) if checkpoint else 0
+        self.restarts_before = self.restarts = int(checkpoint["restarts"]) if checkpoint else 0
         register_env(NAME, make_runner_env)
         torch.manual_seed(runs.seed_of_stretch(config, self.steps))  # of the networks' first weights
         self.algorithm = algorithm_config(config, runners, self.steps).build_algo()
@@ -113,7 +113,7 @@ class _Training:
             results = self.algorithm.train()
             told = results["env_runners"]
             self.steps = self.steps_before + int(told["num_env_steps_sampled_lifetime"])
-            self.restarts += int(results["fault_tolerance"].get("num_remote_worker_restarts", 0))
+            self.restarts = self.restarts_before + int(results["fault_tolerance"]["num_remote_worker_restarts"])
             self._add_to_curve(told)
             if self.steps - self.saved_at >= self.config.training.checkpoint_every:
                 self._save()

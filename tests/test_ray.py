@@ -310,7 +310,7 @@ def test_training_survives_the_loss_of_a_runner_and_of_all(survivor: Path) -> No
     assert record["steps"] == told[-1] > reached > 0
     assert reached in told
     assert told == sorted(set(told))
-    assert json.loads((survivor / RECORD).read_text())["runners_restarted"] >= 1
+    assert json.loads((survivor / RECORD).read_text())["runners_restarted"] == 1
 
 
 def test_run_folder_is_like_any_other(survivor: Path) -> None:
