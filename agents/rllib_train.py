@@ -21,6 +21,8 @@ from agents.training_env import task_equilibrium
 RECORD = "rllib.json"
 """In the run folder: what run.json doesn't say of such a training."""
 ENGINE = "rllib"
+TIMERS = ("training_step", "env_runner_sampling_timer", "learner_update_timer")
+"""RLlib's, told in RECORD: means over the last rounds, of which each samples, learns and hands out the weights."""
 
 
 def train(
@@ -94,6 +96,7 @@ class _Training:
             self.algorithm.env_runner_group.sync_weights(
                 from_worker_or_learner_group=self.algorithm.learner_group, inference_only=True
             )
+        self.timers: dict[str, float] = {}
         self.curve = Curve(folder, self.steps, config.training.steps, progress)
         self.started = time.monotonic()  # from here on there are steps
 
@@ -115,6 +118,7 @@ class _Training:
             self.steps = self.steps_before + int(told["num_env_steps_sampled_lifetime"])
             self.restarts = self.restarts_before + int(results["fault_tolerance"]["num_remote_worker_restarts"])
             self._add_to_curve(told)
+            self.timers = {name: float(value) for name, value in results["timers"].items() if name in TIMERS}
             if self.steps - self.saved_at >= self.config.training.checkpoint_every:
                 self._save()
         self._write_records()
@@ -158,4 +162,4 @@ class _Training:
         runs.write_record(self.config, self.folder, self.steps, self.seconds(), finished=False)
         speed = (self.steps - self.steps_before) / (time.monotonic() - self.started)
         record = {"ray": ray.__version__, "runners": self.runners, "runners_restarted": self.restarts}
-        write_json(self.folder / RECORD, record | {"steps_per_second": round(speed)})
+        write_json(self.folder / RECORD, record | {"steps_per_second": round(speed), "seconds_of_a_round": self.timers})
