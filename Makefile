@@ -6,8 +6,9 @@ BIN = $(VENV)/bin
 READY = $(VENV)/ready
 BENCH_VENV ?= .venv-bench
 ZOO_VENV ?= .venv-zoo
+RAY_VENV ?= .venv-ray
 
-.PHONY: help install demo test check accuracy paper bench leaderboard play docs zoo wheel-test fuzz matrix coverage \
+.PHONY: help install demo test check accuracy paper bench leaderboard play docs zoo ray wheel-test fuzz matrix coverage \
 	mutants audit clean
 
 help:
@@ -19,6 +20,7 @@ help:
 	@echo "make bench       compare speed with other environments and integrators (in runs/benchmark)"
 	@echo "make leaderboard all controllers on the same unseen starts: tables and figures (in runs/leaderboard)"
 	@echo "make zoo         short runs of the RL Baselines3 Zoo with configs/zoo, in an environment of its own"
+	@echo "make ray         trainings by Ray's RLlib and Tune with two processes, in an environment of its own"
 	@echo "make play        open docs/live.html in the browser: drag the pendulum, compare solvers, switch a policy on"
 	@echo "make docs        build the documentation (in site/)"
 	@echo "make wheel-test  build the wheel and try it in an empty environment with the core dependencies alone"
@@ -87,6 +89,17 @@ $(ZOO_VENV)/ready: pyproject.toml constraints.txt
 zoo: $(ZOO_VENV)/ready
 	$(ZOO_VENV)/bin/python -m pytest tests/test_zoo.py $(PYTEST)
 
+# Ray holds gymnasium at another version than ours.
+$(RAY_VENV)/ready: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(RAY_VENV)
+	$(RAY_VENV)/bin/python -m pip install --quiet --upgrade pip
+	grep -v '^gymnasium==' constraints.txt > $(RAY_VENV)/constraints.txt
+	$(RAY_VENV)/bin/python -m pip install --quiet --constraint $(RAY_VENV)/constraints.txt --editable '.[ray]' pytest
+	@touch $@
+
+ray: $(RAY_VENV)/ready
+	$(RAY_VENV)/bin/python -m pytest tests/test_ray.py $(PYTEST)
+
 # Sphinx takes a warning for an error, and every link within the site is followed.
 docs: $(READY)
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going -E -d build/doctrees docs site
@@ -121,5 +134,5 @@ audit: $(TRUST)
 	$(BIN)/pip-audit --strict --disable-pip --no-deps --requirement constraints.txt
 
 clean:
-	rm -rf $(VENV) $(BENCH_VENV) $(ZOO_VENV) build dist site .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage*
+	rm -rf $(VENV) $(BENCH_VENV) $(ZOO_VENV) $(RAY_VENV) build dist site .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage*
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -24,9 +24,14 @@ def make_training_env(config: Config) -> SpringPendulumVecEnv:
     Raises ValueError, or Gymnasium's own error, for arguments that the environment refuses.
     """
     count = config.training.environments
-    limit = gym.spec(config.environment_id).max_episode_steps or 0
-    staggered = 1 + np.arange(count) * limit // count
+    staggered = staggered_lengths(config, count)
     return SpringPendulumVecEnv(config.environment_id, count, staggered, **config.environment.arguments())
+
+
+def staggered_lengths(config: Config, count: int) -> NDArray[np.int64]:
+    """(count,), the length at which the first episode of each environment is cut, so that they don't stay in step."""
+    limit = gym.spec(config.environment_id).max_episode_steps or 0
+    return 1 + np.arange(count) * limit // count
 
 
 def task_equilibrium(config: Config) -> NDArray[np.float64]:
