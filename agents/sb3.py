@@ -15,6 +15,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 import spring_pendulum_env  # noqa: F401  registers the tasks
+from agents.checkpoints import fitting
 
 
 class SpringPendulumVecEnv(VecEnv):
@@ -100,11 +101,7 @@ class SpringPendulumVecEnv(VecEnv):
         """Go on from `get_state()`. Raises ValueError where it is of something else."""
         self.venv.unwrapped.set_state(state["rows"])  # type: ignore[attr-defined]
         for name in ("returns", "lengths", "limits"):
-            own = getattr(self, name)
-            values = np.array(state[name])
-            if (values.shape, values.dtype) != (own.shape, own.dtype):
-                raise ValueError(f"{name} of shape {values.shape}: must be {own.dtype} of shape {own.shape}")
-            setattr(self, name, values)
+            setattr(self, name, fitting(name, state[name], getattr(self, name)))
 
     def close(self) -> None:
         self.venv.close()

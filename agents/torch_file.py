@@ -225,7 +225,7 @@ def _plain(content: Any) -> Any:
     if isinstance(content, np.generic):
         return content.item()
     if isinstance(content, np.ndarray):
-        return torch.from_numpy(np.array(content, order="C"))
+        return torch.from_numpy(np.asarray(content, order="C"))
     if isinstance(content, torch.Tensor):
         return content.detach().contiguous()
     return content

@@ -64,11 +64,11 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(params=CONFIGS)
-def run(request: pytest.FixtureRequest, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of a finished run, to be doctored."""
+@pytest.fixture
+def run(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of a finished run, to be doctored. All kinds of policies are loaded by the same lines."""
     monkeypatch.chdir(tmp_path)  # where a bomb would go off
-    return Path(shutil.copytree(kept / request.param, tmp_path / "run"))
+    return Path(shutil.copytree(kept / "shac", tmp_path / "run"))
 
 
 @pytest.fixture(params=CONFIGS)
