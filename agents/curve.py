@@ -49,6 +49,9 @@ class Curve:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
         """End the bar's line."""
         if self.bar:
             self.bar.close()

@@ -11,9 +11,8 @@ from ray.rllib.algorithms.sac import SACConfig
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
-from agents import runs
 from agents.config import Config
-from agents.rllib_env import NAME, env_settings, fixed_variance
+from agents.rllib_env import NAME, env_settings, fixed_variance, seed_of_stretch
 from agents.rllib_learners import ScalingPPOLearner
 from agents.rllib_modules import CONFIG, PPOModule, SACModule
 from agents.training import STEPS_A_ROW
@@ -45,7 +44,7 @@ def refuse_what_cannot_be(config: Config, runners: int) -> None:
 def algorithm_config(config: Config, runners: int, steps_before: int = 0) -> AlgorithmConfig:
     """RLlib's config of what remains of a training after `steps_before` environment steps."""
     rllib: AlgorithmConfig = {"ppo": _ppo, "sac": _sac}[config.algorithm](config, runners, steps_before)
-    seed = runs.seed_of_stretch(config, steps_before) % 2**31  # RLlib adds a runner's number to it
+    seed = seed_of_stretch(config, steps_before) % 2**31  # RLlib adds a runner's number to it
     rllib.environment(NAME, env_config=dict(env_settings(config, seed)))
     rllib.env_runners(
         num_env_runners=runners,

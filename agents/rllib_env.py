@@ -35,6 +35,13 @@ def make_runner_env(context: Any) -> VectorEnv[Any, Any, Any]:
     return RunnerEnv(check_config(context["config"]), int(context["num_envs"]), seeds)
 
 
+def seed_of_stretch(config: Config, steps_before: int) -> int:
+    """Seed of a stretch of training: one that is taken up again must not see its first starts a second time."""
+    if steps_before == 0:
+        return config.training.seed
+    return int(np.random.SeedSequence((config.training.seed, steps_before)).generate_state(1)[0])
+
+
 def _was_restarted() -> bool:
     ray: Any = sys.modules.get("ray")  # it is there in a runner, and this module does without it elsewhere
     if ray is None or not ray.is_initialized():

@@ -67,13 +67,13 @@ class ScalingPPOLearner(PPOTorchLearner):
 def learner_state(learner: Any) -> dict[str, Any]:
     """All that a learner has learnt, as tensors and plain numbers: a file of it is read with `weights_only=True`."""
     optimisers = learner.get_optimizers_for_module(DEFAULT_MODULE_ID)
-    state = {
+    state: dict[str, Any] = {
         "module": learner.module[DEFAULT_MODULE_ID].state_dict(),
         "optimisers": {name: optimiser.state_dict() for name, optimiser in optimisers},
     }
     if isinstance(learner, ScalingPPOLearner):
         statistics = learner.rewards.statistics
-        numbers = {"mean": statistics.mean, "var": statistics.var, "count": statistics.count}
+        numbers: dict[str, Any] = {"mean": statistics.mean, "var": statistics.var, "count": statistics.count}
         state["rewards"] = {name: float(value) for name, value in numbers.items()}
     if hasattr(learner, "curr_log_alpha"):  # SAC's weight of the entropy, which is no part of the module
         state["log_alpha"] = learner.curr_log_alpha[DEFAULT_MODULE_ID].detach().clone()

@@ -25,6 +25,8 @@ CONFIG = "training_config"
 class PPOModule(TorchRLModule, ValueFunctionAPI):
     """SB3's ActorCriticPolicy, with a value network of its own and a spread that doesn't depend on the state."""
 
+    policy: Any  # torch would have it a tensor or a module
+
     def setup(self) -> None:
         """Called by RLlib's constructor."""
         config = check_config(self.model_config[CONFIG])

@@ -14,7 +14,7 @@ from agents.curve import Curve
 from agents.files import write_atomically, write_json
 from agents.policy import LearnedPolicy
 from agents.ray_start import ray_running
-from agents.rllib_env import NAME, fixed_variance, make_runner_env
+from agents.rllib_env import NAME, fixed_variance, make_runner_env, seed_of_stretch
 from agents.training import _prepare
 from agents.training_env import task_equilibrium
 
@@ -89,7 +89,7 @@ class _Training:
         self.seconds_before = float(checkpoint["seconds"]) if checkpoint else 0.0
         self.restarts_before = self.restarts = int(checkpoint["restarts"]) if checkpoint else 0
         register_env(NAME, make_runner_env)
-        torch.manual_seed(runs.seed_of_stretch(config, self.steps))  # of the networks' first weights
+        torch.manual_seed(seed_of_stretch(config, self.steps))  # of the networks' first weights
         self.algorithm = algorithm_config(config, runners, self.steps).build_algo()
         if checkpoint:
             restore_learner(self.learner(), checkpoint["learner"])

@@ -158,7 +158,7 @@ def locked(folder: Path) -> Iterator[None]:
     except OSError as error:
         raise OSError(f"{folder} can't be made: {error.strerror}") from error
     if fcntl is None:
-        yield
+        yield  # type: ignore[unreachable]
         return
     handle = os.open(folder, os.O_RDONLY)
     try:
