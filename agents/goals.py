@@ -106,7 +106,8 @@ def below_tuned_lqr(name: str) -> Goal:
 
     def judge(scores: Scores) -> Verdict:
         measure: Measure = next(one for one in measures_of(scores.trial.environment_id).each if one.name == name)
-        found = paired_difference(scores.rows["policy"].values[name], scores.rows[RIVAL].values[name])
+        mine, its = (scores.rows[row].values[name] for row in ("policy", RIVAL))
+        found = paired_difference(mine, its)
         words = f"{title(measure)} below tuned LQR's"
         return scores.verdict(words, f"median difference {estimate_text(found)}", found.high < 0.0)
 
