@@ -86,7 +86,8 @@ def oldest_allowed(package: str) -> str:
 def interpreter(version: str) -> str | None:
     """A Python of that version on this machine: on the PATH, or one of pyenv's, whose own commands may not be set."""
     pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv") / "versions"
-    for python in (f"python{version}", *sorted(pyenv.glob(f"{version}.*/bin/python"), reverse=True)):
+    candidates = [f"python{version}", *map(str, sorted(pyenv.glob(f"{version}.*/bin/python"), reverse=True))]
+    for python in candidates:
         try:
             said = subprocess.run([python, "-c", WHICH], capture_output=True, text=True, check=False).stdout.split("\n")
         except OSError:
@@ -132,7 +133,7 @@ def test(combination: Combination, python: str, wheel: Path, folder: Path) -> di
     copy_without_the_package(place)
     inside = place / ".venv" / ("Scripts" if sys.platform == "win32" else "bin") / "python"
     package = f"spring-pendulum-env{combination.extra} @ {wheel.as_uri()}"
-    install = ["uv", "pip", "install", "--python", inside, "--only-binary", ":all:"]
+    install: list[str | Path] = ["uv", "pip", "install", "--python", inside, "--only-binary", ":all:"]
     # uv takes the lowest of what is named outright, so the requirements of the core stand here beside the wheel.
     named = [*requirements(), *combination.held] if combination.resolution != "highest" else combination.held
     passed = (
