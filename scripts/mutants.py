@@ -234,7 +234,7 @@ def try_all(left: list[Mutant], results: dict[str, str], path: Path, tree: Path,
     """Tries mutants, saving each result."""
     for library in LIBRARIES:
         importlib.import_module(library)
-    from tqdm import tqdm
+    from tqdm import tqdm  # type: ignore[import-untyped]
 
     gc.freeze()  # else each child looks through all of it when it ends
 
