@@ -119,7 +119,7 @@ def drawn_case(seed: int, number: int) -> Case:
         arguments["actuated_axes"] = str(random.choice(["xyz", "xyz", "xz", "y", ""]))
     if task.chooses_equilibrium:
         arguments["equilibrium"] = str(random.choice(EQUILIBRIA))
-    rows = int(random.choice([0, 0, 3, 64, 70] if adaptive else [0, 0, 0, 3, 64, 150, 500, 2000]))
+    rows = int(random.choice([0, 0, 3, 64, 70] if adaptive else [0, 0, 0, 3, 64, 150]))
     if rows:
         arguments["autoreset_mode"] = str(random.choice(["NEXT_STEP", "SAME_STEP"]))
     steps = int(random.integers(100, 2000) if rows == 0 else random.integers(5, 60))
