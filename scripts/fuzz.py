@@ -9,6 +9,7 @@ runs/fuzz: the same command goes on where it stopped. Ends with a table, and wit
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import gc
 import hashlib
 import json
@@ -33,6 +34,8 @@ from agents.tables import markdown
 from spring_pendulum_env import EQUILIBRIA, Parameters
 from spring_pendulum_env.tasks import TASKS
 
+LONGEST_CASE = 0.2
+"""Processor seconds after which a case ends: the stiffest take milliseconds for each step."""
 SAVE_EVERY = 10.0
 """Seconds."""
 REPEATED = 20
@@ -116,7 +119,7 @@ def drawn_case(seed: int, number: int) -> Case:
         arguments["actuated_axes"] = str(random.choice(["xyz", "xyz", "xz", "y", ""]))
     if task.chooses_equilibrium:
         arguments["equilibrium"] = str(random.choice(EQUILIBRIA))
-    rows = int(random.choice([0, 0, 3, 64, 70] if adaptive else [0, 0, 0, 3, 64, 150, 500]))
+    rows = int(random.choice([0, 0, 3, 64, 70] if adaptive else [0, 0, 0, 3, 64, 150]))
     if rows:
         arguments["autoreset_mode"] = str(random.choice(["NEXT_STEP", "SAME_STEP"]))
     steps = int(random.integers(100, 2000) if rows == 0 else random.integers(5, 60))
@@ -152,14 +155,17 @@ def error_kind(error: Exception) -> str:
     raise Finding(f"{type(error).__name__}: {error}") from error
 
 
-def run_case(case: Case, record: Record, number: int) -> str:
-    """What the environment told, as a digest, of a case that is run twice. Counts steps, errors and times.
+def run_case(case: Case, record: Record, number: int, longest: float = LONGEST_CASE) -> tuple[str, int]:
+    """What the environment told, as a digest, of a case that is run twice; and how many steps it made.
+
+    Counts steps, errors and times. Ends after the steps of the case, or so many seconds.
 
     Raises:
         Finding: something that must not be.
     """
     digest = hashlib.sha256() if number % REPEATED == 0 else None
     made: Any = None
+    done = 0
     try:
         if case.rows:
             made = gym.make_vec(case.environment_id, num_envs=case.rows, **case.arguments)
@@ -167,11 +173,13 @@ def run_case(case: Case, record: Record, number: int) -> str:
             made = gym.make(case.environment_id, disable_env_checker=True, **case.arguments)
         random = np.random.default_rng(case.seed)
         check(made.reset(seed=case.seed), digest)
-        for _ in range(case.steps):
+        until = time.thread_time() + longest
+        while done < case.steps and time.thread_time() < until:
             action = random.uniform(-1.2, 1.2, made.action_space.shape)
             began = time.thread_time()
             told = made.step(action)
             taken = (time.thread_time() - began) / max(case.rows, 1)
+            done += 1
             if taken > record.slowest:
                 record.slowest, record.slowest_case = taken, number
             record.steps += max(case.rows, 1)
@@ -183,11 +191,11 @@ def run_case(case: Case, record: Record, number: int) -> str:
     except Exception as error:
         kind = error_kind(error)
         record.errors[kind] = record.errors.get(kind, 0) + 1
-        return kind
+        return kind, done + 1  # the next step, which fails again when it is repeated
     finally:
         if made is not None:
             made.close()
-    return digest.hexdigest() if digest else ""
+    return digest.hexdigest() if digest else "", done
 
 
 def play(record: Record, number: int) -> None:
@@ -195,10 +203,11 @@ def play(record: Record, number: int) -> None:
     case = drawn_case(record.seed, number)
     before = record.steps
     try:
-        first = run_case(case, record, number)
+        first, done = run_case(case, record, number)
         if number % REPEATED == 0:
             record.repeated += 1
-            if run_case(case, Record(record.seed), number) != first:
+            again, _ = run_case(dataclasses.replace(case, steps=done), Record(record.seed), number, longest=math.inf)
+            if again != first:
                 raise Finding("other bits when repeated")
     except Finding as finding:
         command = f"scripts/fuzz.py --seed {record.seed} --case {number}"

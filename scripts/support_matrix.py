@@ -86,7 +86,7 @@ def oldest_allowed(package: str) -> str:
 def interpreter(version: str) -> str | None:
     """A Python of that version on this machine: on the PATH, or one of pyenv's, whose own commands may not be set."""
     pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv") / "versions"
-    candidates: list[str | Path] = [f"python{version}", *sorted(pyenv.glob(f"{version}.*/bin/python"), reverse=True)]
+    candidates = [f"python{version}", *map(str, sorted(pyenv.glob(f"{version}.*/bin/python"), reverse=True))]
     for python in candidates:
         try:
             said = subprocess.run([python, "-c", WHICH], capture_output=True, text=True, check=False).stdout.split("\n")
