@@ -15,8 +15,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, 
 
 from agents.config_errors import Places, nearest, place_of, sentence
 from agents.yaml_file import parse_yaml, read_yaml
-from spring_pendulum_env import EQUILIBRIA, TASKS, Parameters
+from spring_pendulum_env import EQUILIBRIA, Parameters
 from spring_pendulum_env.scenario import Scenario
+from spring_pendulum_env.tasks import TASKS
 
 ENVIRONMENT_IDS = {
     "damping": "SpringPendulumDamping-v0",

@@ -24,10 +24,8 @@ from typing import Any
 from agents.config import Config, read_config
 from agents.files import read_json, write_json
 
-try:
+if os.name == "posix":
     import fcntl
-except ImportError:  # not POSIX
-    fcntl = None  # type: ignore[assignment]
 
 CONFIG = "config.yaml"
 RECORD = "run.json"
@@ -139,7 +137,7 @@ def locked(folder: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OSError(f"{folder} can't be made: {error.strerror}") from error
-    if fcntl is None:
+    if os.name != "posix":  # where there is no fcntl
         yield
         return
     handle = os.open(folder, os.O_RDONLY)

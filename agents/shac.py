@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from agents.checkpoints import Checkpoints, check_learnt, fitting
+from agents.checkpoints import Checkpoints, Stateful, check_learnt, fitting
 from agents.config import Config
 from agents.curve import Curve
 from agents.differentiable import DifferentiableEnv, Transition
@@ -179,7 +179,7 @@ def train_shac(config: Config, folder: Path, stop: Stop, *, progress: bool) -> R
     env = DifferentiableEnv(config, config.training.seed)
     learner = SHAC(config, env, network, reference)
     episodes = _Episodes(env.rows)
-    parts = {"learner": learner, "environments": env, "episodes": episodes}
+    parts: dict[str, Stateful] = {"learner": learner, "environments": env, "episodes": episodes}
     checkpoints = Checkpoints(config, folder, parts, stop)
     try:
         steps = checkpoints.resume()

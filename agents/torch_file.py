@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from agents.files import check_archive, write_atomically
 
@@ -78,7 +79,7 @@ def _read(archive: zipfile.ZipFile) -> Any:
             entry, size = archive.getinfo(f"{prefix}data/{key}"), np.dtype(_STORAGES[kind]).itemsize
             if entry.file_size != count * size:
                 raise ValueError(f"its entry {key} has {entry.file_size:,} bytes, and {count * size:,} are declared")
-            values = np.frombuffer(archive.read(entry), dtype=_STORAGES[kind])
+            values: NDArray[Any] = np.frombuffer(archive.read(entry), dtype=_STORAGES[kind])
             kept[kind, key] = torch.from_numpy(values.copy())
         return kept[kind, key]
 

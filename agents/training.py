@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from agents import runs
 from agents.algorithms import ALGORITHMS
-from agents.checkpoints import Checkpoints
+from agents.checkpoints import Checkpoints, Stateful
 from agents.config import Config
 from agents.controller import STATE_SIZE
 from agents.curve import Curve
@@ -74,7 +74,11 @@ def _train_sb3(
         model = ALGORITHMS[config.algorithm].make_model(config, env, config.training.seed)
         model.set_logger(_logger(folder))
         recorder = _Recorder()
-        parts = {"learner": SB3Learner(model), "environments": SB3Environments(env, envs), "episodes": recorder}
+        parts: dict[str, Stateful] = {
+            "learner": SB3Learner(model),
+            "environments": SB3Environments(env, envs),
+            "episodes": recorder,
+        }
         recorder.checkpoints = checkpoints = Checkpoints(config, folder, parts, stop)
         steps = checkpoints.resume()
         with Curve(folder, steps, config.training.steps, progress) as curve:
