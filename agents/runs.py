@@ -6,6 +6,8 @@ curve.csv           progress, one row for each rollout
 policy.pth          weights, a torch state_dict
 normalisation.npz   mean and variance of the relative observations, and the equilibrium that they are relative to
 checkpoint.pth      while it is unfinished: all that is needed to go on
+actor.npz           where scripts/export.py was asked: the policy for NumPy ...
+policy.onnx         ... and for ONNX
 tensorboard/        where TensorBoard is installed
 """
 

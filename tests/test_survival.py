@@ -34,7 +34,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 ROOT = Path(__file__).resolve().parent.parent
 HINT = "the same command goes on"
 COMMON = ["training.environments=8", "training.checkpoint_every=256", "network.layers=[8, 8]"]
-REPLAY = ("learning_starts=128", "batch_size=32", "gradient_steps=1", "buffer_size=1000")
+REPLAY = ("learning_starts=600", "batch_size=32", "gradient_steps=1", "buffer_size=1000")
 SETTINGS = {
     "ppo": ["training.steps=4096", "ppo.n_steps=32", "ppo.batch_size=64", "ppo.n_epochs=2", "observation.scales=null"],
     "sac": ["training.steps=1536", *(f"sac.{setting}" for setting in REPLAY)],
