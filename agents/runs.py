@@ -6,6 +6,8 @@ curve.csv           progress, one row for each rollout
 policy.pth          weights, a torch state_dict
 normalisation.npz   mean and variance of the relative observations, and the equilibrium that they are relative to
 checkpoint.pth      while it is unfinished: all that is needed to go on
+actor.npz           where scripts/export.py was asked: the policy for NumPy ...
+policy.onnx         ... and for ONNX
 tensorboard/        where TensorBoard is installed
 """
 
@@ -24,10 +26,8 @@ from typing import Any
 from agents.config import Config, read_config
 from agents.files import read_json, write_json
 
-try:
+if os.name == "posix":
     import fcntl
-except ImportError:  # not POSIX
-    fcntl = None  # type: ignore[assignment]
 
 CONFIG = "config.yaml"
 RECORD = "run.json"
@@ -157,8 +157,8 @@ def locked(folder: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OSError(f"{folder} can't be made: {error.strerror}") from error
-    if fcntl is None:
-        yield  # type: ignore[unreachable]
+    if os.name != "posix":  # where there is no fcntl
+        yield
         return
     handle = os.open(folder, os.O_RDONLY)
     try:

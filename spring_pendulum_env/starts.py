@@ -66,7 +66,14 @@ class Starts:
         return {"generators": words, "numbers": self.numbers.copy(), "taken": self.taken.copy()}
 
     def set_state(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Goes on from `get_state` of as many rows, whose arrays are known to have the right shapes."""
+        """Goes on from `get_state` of as many rows, whose arrays are known to have the right shapes.
+
+        Raises:
+            ValueError: a number can be nobody's; nothing has changed then.
+        """
+        taken = state["taken"]
+        if ((taken < 0) | (taken > self._size)).any():  # the compiled step would look for starts where none are
+            raise ValueError(f"starts taken = {taken}: must be in 0 to {self._size}")
         unseeded = not state["generators"].any()
         self._generators = [None if unseeded else generator_of(words) for words in state["generators"]]
         self.numbers[:] = state["numbers"]

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 ROOT = Path(__file__).resolve().parent.parent
 HINT = "the same command goes on"
 COMMON = ["training.environments=8", "training.checkpoint_every=256", "network.layers=[8, 8]"]
-REPLAY = ("learning_starts=128", "batch_size=32", "gradient_steps=1", "buffer_size=1000")
+REPLAY = ("learning_starts=600", "batch_size=32", "gradient_steps=1", "buffer_size=1000")
 SETTINGS = {
     "ppo": ["training.steps=4096", "ppo.n_steps=32", "ppo.batch_size=64", "ppo.n_epochs=2", "observation.scales=null"],
     "sac": ["training.steps=1536", *(f"sac.{setting}" for setting in REPLAY)],
@@ -119,10 +119,15 @@ def checkpoint_steps(folder: Path) -> int:
     return int(torch_file.read(folder / runs.CHECKPOINT)["steps"])
 
 
-def wait_for(path: Path) -> None:
-    """Until a file is there."""
+def age_of(path: Path) -> int:
+    """When a file was written, ns; 0 where there is none."""
+    return path.stat().st_mtime_ns if path.exists() else 0
+
+
+def wait_for(path: Path, newer_than: int = 0) -> None:
+    """Until a file is there that was written after a time."""
     until = time.monotonic() + 120.0
-    while not path.exists():
+    while age_of(path) <= newer_than:
         assert time.monotonic() < until, f"{path.name} does not come"
         time.sleep(0.001)
 
@@ -165,9 +170,9 @@ def test_signals_end_it_at_a_checkpoint(algorithm: str, number: int, whole: Any,
     there, _ = whole(algorithm)
     folder = tmp_path / "run"
     for _ in range(2 if algorithm == "shac" else 1):
+        before = age_of(folder / runs.CURVE)
         child = Child(config_of(algorithm, "training.checkpoint_every=1000000"), folder)
-        wait_for(folder / runs.CONFIG)
-        time.sleep(0.2)
+        wait_for(folder / runs.CURVE, before)  # it is at work
         status, said = child.end(number)
         assert status == 128 + number
         steps = checkpoint_steps(folder)
@@ -197,7 +202,7 @@ def test_a_full_disk_is_said_in_one_line_and_the_last_checkpoint_is_whole(whole:
     there, _ = whole("sac")
     folder = tmp_path / "run"
     # The checkpoint grows with the replay buffer until it is larger than a file may be.
-    limit = 120_000
+    limit = 170_000
     status, said = Child(
         config_of("sac"), folder, lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
     ).end()

@@ -325,3 +325,55 @@ def test_chosen_rows_are_drawn_as_single_environments_are() -> None:
             assert np.array_equal(single.render(), frame)
     with pytest.warns(UserWarning, match="render_mode"):
         assert gym.make_vec(DAMPING, num_envs=2).render() is None
+
+
+@pytest.mark.parametrize("randomise", [None, {"k1": (50.0, 150.0), "m2": (0.5, 2.0)}])
+def test_goes_on_from_a_state_that_was_taken(randomise: dict[str, tuple[float, float]] | None) -> None:
+    def make() -> Any:
+        return gym.make_vec(DAMPING, num_envs=70, max_episode_steps=9, randomise=randomise).unwrapped
+
+    first, second = make(), make()
+    first.reset(seed=3)
+    actions = np.random.default_rng(0).uniform(-1, 1, (200, 70, 3))
+    for action in actions[:25]:
+        first.step(action)
+    taken = first.get_state()
+    for action in actions[25:]:  # long enough for starts beyond those that were drawn ahead
+        first.step(action)
+    assert all(array.dtype.kind in "fib" for array in taken.values())
+    second.reset(seed=99)
+    second.step(actions[0])
+    second.set_state(taken)
+    third = make()  # never reset
+    third.set_state(taken)
+    for action in actions[25:]:
+        results = [env.step(action) for env in (second, third)]
+        for one, other in zip(*results, strict=True):
+            if isinstance(one, np.ndarray):
+                assert one.tobytes() == other.tobytes()
+        assert results[0][4]["parameters"]["k1"].tobytes() == results[1][4]["parameters"]["k1"].tobytes()
+    for env in (second, third):
+        ended = env.get_state()
+        assert all(array.tobytes() == ended[name].tobytes() for name, array in first.get_state().items())
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"rows": np.zeros((1, 2, 3))}, "rows is float64 of shape"),
+        ({"ended": np.zeros(3)}, "ended is float64"),
+        ({"more": np.zeros(3)}, "more missing or unknown"),
+        ({"starts.generators": np.full((3, 6), 2)}, "PCG64"),
+        ({"starts.taken": np.full(3, 1000)}, "starts taken"),
+    ],
+)
+def test_a_state_of_something_else_is_refused(change: dict[str, Any], words: str) -> None:
+    env: Any = gym.make_vec(DAMPING, num_envs=3).unwrapped
+    env.reset(seed=0)
+    before = env.get_state()
+    with pytest.raises(ValueError, match=words):
+        env.set_state(before | change)
+    assert all(array.tobytes() == before[name].tobytes() for name, array in env.get_state().items())
+    del before["rows"]
+    with pytest.raises(ValueError, match="rows missing or unknown"):
+        env.set_state(before)
