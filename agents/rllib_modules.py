@@ -28,7 +28,7 @@ class PPOModule(TorchRLModule, ValueFunctionAPI):
     def setup(self) -> None:
         """Called by RLlib's constructor."""
         config = check_config(self.model_config[CONFIG])
-        self.policy = make_network(config, self.action_space.shape[0])
+        self.policy: Any = make_network(config, self.action_space.shape[0])
         with torch.no_grad():
             self.policy.log_std.fill_(config.ppo.log_std_init)
         self.action_dist_cls = TorchDiagGaussian
