@@ -35,6 +35,7 @@ def ray_running(address: str | None, processes: int) -> Iterator[None]:
         raise ValueError(f"ray is not installed ({error}): make ray, or pip install '.[ray]'") from error
     if address is None:
         ray.init(
+            address="local",  # or it would be a cluster's, if this machine belongs to one
             num_cpus=max(processes, 1),
             object_store_memory=OBJECT_STORE,
             include_dashboard=False,

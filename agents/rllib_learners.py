@@ -73,8 +73,7 @@ def learner_state(learner: Any) -> dict[str, Any]:
     }
     if isinstance(learner, ScalingPPOLearner):
         statistics = learner.rewards.statistics
-        numbers: dict[str, Any] = {"mean": statistics.mean, "var": statistics.var, "count": statistics.count}
-        state["rewards"] = {name: float(value) for name, value in numbers.items()}
+        state["rewards"] = {name: float(getattr(statistics, name)) for name in ("mean", "var", "count")}
     if hasattr(learner, "curr_log_alpha"):  # SAC's weight of the entropy, which is no part of the module
         state["log_alpha"] = learner.curr_log_alpha[DEFAULT_MODULE_ID].detach().clone()
     return state

@@ -30,9 +30,10 @@ class PPOModule(TorchRLModule, ValueFunctionAPI):
     def setup(self) -> None:
         """Called by RLlib's constructor."""
         config = check_config(self.model_config[CONFIG])
-        self.policy = make_network(config, self.action_space.shape[0])
+        policy: Any = make_network(config, self.action_space.shape[0])
         with torch.no_grad():
-            self.policy.log_std.fill_(config.ppo.log_std_init)
+            policy.log_std.fill_(config.ppo.log_std_init)
+        self.policy: Any = policy
         self.action_dist_cls = TorchDiagGaussian
 
     def _forward(self, batch: dict[str, Any], **_: Any) -> dict[str, Any]:

@@ -124,7 +124,7 @@ def write_table(members: Sequence[Member], folder: Path) -> str:
     environment_id = members[0].config.environment_id
     measures = measures_of(environment_id).each
     values = {
-        f"{variant or 'policy'} ({len(of_seeds)} seeds)": {
+        f"{variant or 'policy'} ({len(of_seeds)} seed{'s' if len(of_seeds) > 1 else ''})": {
             measure.name: np.stack([scores[measure.name] for scores in of_seeds]) for measure in measures
         }
         for variant, of_seeds in variants.items()

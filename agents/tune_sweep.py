@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -78,4 +79,5 @@ def _trial(settings: Mapping[str, str], jobs: Mapping[str, Mapping[str, Any]]) -
     train_and_score(**job)
     measures = measures_of(check_config(job["config"]).environment_id).each
     scores = read_arrays(Path(job["folder"]) / SCORES)
-    tune.report({measure.name: float(scores[measure.name].mean()) for measure in measures})
+    means = {measure.name: float(scores[measure.name].mean()) for measure in measures}
+    tune.report({name: mean for name, mean in means.items() if math.isfinite(mean)})  # inf: not reached
