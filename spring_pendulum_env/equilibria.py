@@ -28,9 +28,14 @@ def full_state(state: ArrayLike) -> FloatArray:
         state: shape (..., 12) or (..., 18).
 
     Raises:
-        ValueError: another shape.
+        ValueError: another shape, or no real numbers.
     """
-    state = np.asarray(state, dtype=np.float64)
+    from spring_pendulum_env.scenario import real_numbers  # here since scenario.py needs this file
+
+    try:
+        state = real_numbers(state)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"state = {state!r}: must be real numbers") from None
     if state.ndim < 1 or state.shape[-1] not in (12, 18):
         raise ValueError(f"state of shape {state.shape}: the last axis must have 12 or 18 numbers")
     if state.shape[-1] == 18:
@@ -51,11 +56,16 @@ def energy(parameters: Parameters | Mapping[str, float] | None, state: ArrayLike
         One number for one state, else an array of shape (...).
 
     Raises:
-        ValueError: a wrong parameter or shape.
+        ValueError: a wrong parameter or shape, a number that isn't finite, or one so large that the energy isn't.
     """
     p = Parameters.of(parameters)
-    columns = np.moveaxis(full_state(state), -1, 0)
-    total: FloatArray = physics.total_energy(*[*columns, p.m0, p.m1, p.m2, p.k1, p.k2, p.L1, p.L2, p.g])
+    full = full_state(state)
+    with np.errstate(over="ignore", invalid="ignore"):
+        total: FloatArray = physics.total_energy(
+            *[*np.moveaxis(full, -1, 0), p.m0, p.m1, p.m2, p.k1, p.k2, p.L1, p.L2, p.g]
+        )
+    if not np.isfinite(total).all():
+        raise ValueError(f"state = {full}: must be finite, and so must its energy with {p}")
     return total[()]
 
 

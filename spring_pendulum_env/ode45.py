@@ -209,7 +209,7 @@ def refined(solver: ODE45, refine: int = REFINE) -> tuple[FloatArray, FloatArray
         ArithmeticError: no step is short enough; the message says when.
         ValueError: `refine` isn't a whole number above zero.
     """
-    if refine < 1 or int(refine) != refine:
+    if isinstance(refine, bool) or not isinstance(refine, (int, np.integer)) or refine < 1:
         raise ValueError(f"refine = {refine!r}: must be a whole number > 0")
     fractions = np.arange(1, refine) / refine
     times: list[Any] = [[solver.t]]

@@ -285,6 +285,23 @@ def test_energy_of_a_wrong_shape_says_so(shape: tuple[int, ...]) -> None:
     assert "12 or 18" in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("state", "message"),
+    [
+        (np.full(12, np.nan), "state = .*nan.*must be finite"),
+        (np.r_[np.inf, np.zeros(17)], "state = .*inf.*must be finite"),
+        (np.full(12, 1e200), "state = .*1.e.200.*so must its energy"),
+        (np.zeros(12) + 1j, "state = .*must be real numbers"),
+        ("here", "state = 'here': must be real numbers"),
+        (["1"] * 12, "state = .*must be real numbers"),
+        ([[0.0] * 12, [0.0] * 11], "state = .*must be real numbers"),
+    ],
+)
+def test_energy_of_what_is_no_state_says_so(state: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=f"(?s){message}"):
+        energy(None, state)
+
+
 def test_energy_with_a_wrong_parameter_says_so() -> None:
     with pytest.raises(ValueError, match="k1 = -5"):
         energy({"k1": -5.0}, np.zeros(12))

@@ -272,6 +272,6 @@ def test_wrong_options_are_named(options: dict[str, Any], pattern: str) -> None:
 
 
 def test_wrong_refine_is_named() -> None:
-    for wrong in (0, -1, 1.5):
-        with pytest.raises(ValueError, match=f"refine = {wrong}.*whole number > 0"):
+    for wrong in (0, -1, 1.5, "a", True):
+        with pytest.raises(ValueError, match=f"refine = {wrong!r}.*whole number > 0"):
             refined(ODE45(right_hand_side(None), 0.0, VIOLENT, 1.0), wrong)  # type: ignore[arg-type]
