@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Literal, NamedTuple, overload
 
@@ -83,6 +84,8 @@ def spring_lengths(parameters: Parameters, name: str) -> tuple[float, float]:
     for way, (number, k, L, load) in zip(name.split("-"), springs, strict=True):
         if k == 0:
             raise ValueError(f"equilibrium = {name!r} with k{number} = 0.0: must have k{number} > 0 to hold the masses")
+        if not math.isfinite(load / k):
+            raise ValueError(f"equilibrium = {name!r} with k{number} = {k}: must be greater to hold {load:.6g} N")
         spring_length = L + load / k if way == "hanging" else L - load / k
         if way == "inverted" and spring_length <= 0:
             raise ValueError(
@@ -149,8 +152,11 @@ def linearise(
     for column in range(21):
         stepped = at.copy()
         stepped[column] += 1j * tiny
-        slope = physics.derivatives(*[*stepped, *constants])
+        with np.errstate(over="ignore", invalid="ignore"):
+            slope = physics.derivatives(*[*stepped, *constants])
         jacobian[:, column] = np.imag(slope) / tiny
+    if not np.isfinite(jacobian).all():
+        raise ValueError(f"parameters = {p}: too large or too small for a linear model in floating-point numbers")
     if pinned:
         bodies: FloatArray = jacobian[np.ix_(BODY_STATE, BODY_STATE)]
         return bodies
@@ -188,5 +194,5 @@ def normal_modes(parameters: Parameters | Mapping[str, float] | None, name: str,
     masses = np.repeat([p.m1, p.m2] if pinned else [p.m0, p.m1, p.m2], 3)
     root = np.sqrt(masses)
     stiffness = -matrix[size:, :size] * root[:, None] / root[None, :]
-    omega_squared, vectors = np.linalg.eigh((stiffness + stiffness.T) / 2)
+    omega_squared, vectors = np.linalg.eigh(stiffness / 2 + stiffness.T / 2)
     return NormalModes(omega_squared, vectors / root[:, None])

@@ -238,6 +238,13 @@ def test_spring_compressed_to_nothing_is_named(name: str, changed: dict[str, flo
     equilibrium(p, "hanging-hanging")  # which the same springs hold
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("changes", "named"), [({"k1": 1e308, "m1": 1e-9}, "k1=1e.308"), ({"k1": 1e-308}, "k1 = 1e-308")])
+def test_constants_beyond_floating_point_are_named(changes: dict[str, float], named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        normal_modes(changes, "hanging-hanging")
+
+
 @pytest.mark.parametrize("function", [equilibrium, linearise, normal_modes])
 def test_wrong_parameter_is_named(function: Any) -> None:
     with pytest.raises(ValueError, match=r"m1 = -1"):
