@@ -154,7 +154,7 @@ def linearise(
         stepped[column] += 1j * tiny
         with np.errstate(over="ignore", invalid="ignore"):
             slope = physics.derivatives(*[*stepped, *constants])
-        jacobian[:, column] = np.imag(slope) / tiny
+            jacobian[:, column] = np.imag(slope) / tiny
     if not np.isfinite(jacobian).all():
         raise ValueError(f"parameters = {p}: too large or too small for a linear model in floating-point numbers")
     if pinned:
