@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Literal, NamedTuple, overload
 
@@ -28,9 +29,14 @@ def full_state(state: ArrayLike) -> FloatArray:
         state: shape (..., 12) or (..., 18).
 
     Raises:
-        ValueError: another shape.
+        ValueError: another shape, or no real numbers.
     """
-    state = np.asarray(state, dtype=np.float64)
+    from spring_pendulum_env.scenario import real_numbers  # here since scenario.py needs this file
+
+    try:
+        state = real_numbers(state)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"state = {state!r}: must be real numbers") from None
     if state.ndim < 1 or state.shape[-1] not in (12, 18):
         raise ValueError(f"state of shape {state.shape}: the last axis must have 12 or 18 numbers")
     if state.shape[-1] == 18:
@@ -51,11 +57,16 @@ def energy(parameters: Parameters | Mapping[str, float] | None, state: ArrayLike
         One number for one state, else an array of shape (...).
 
     Raises:
-        ValueError: a wrong parameter or shape.
+        ValueError: a wrong parameter or shape, a number that isn't finite, or one so large that the energy isn't.
     """
     p = Parameters.of(parameters)
-    columns = np.moveaxis(full_state(state), -1, 0)
-    total: FloatArray = physics.total_energy(*[*columns, p.m0, p.m1, p.m2, p.k1, p.k2, p.L1, p.L2, p.g])
+    full = full_state(state)
+    with np.errstate(over="ignore", invalid="ignore"):
+        total: FloatArray = physics.total_energy(
+            *[*np.moveaxis(full, -1, 0), p.m0, p.m1, p.m2, p.k1, p.k2, p.L1, p.L2, p.g]
+        )
+    if not np.isfinite(total).all():
+        raise ValueError(f"state = {full}: must be finite, and so must its energy with {p}")
     return total[()]
 
 
@@ -73,6 +84,8 @@ def spring_lengths(parameters: Parameters, name: str) -> tuple[float, float]:
     for way, (number, k, L, load) in zip(name.split("-"), springs, strict=True):
         if k == 0:
             raise ValueError(f"equilibrium = {name!r} with k{number} = 0.0: must have k{number} > 0 to hold the masses")
+        if not math.isfinite(load / k):
+            raise ValueError(f"equilibrium = {name!r} with k{number} = {k}: must be greater to hold {load:.6g} N")
         spring_length = L + load / k if way == "hanging" else L - load / k
         if way == "inverted" and spring_length <= 0:
             raise ValueError(
@@ -139,8 +152,11 @@ def linearise(
     for column in range(21):
         stepped = at.copy()
         stepped[column] += 1j * tiny
-        slope = physics.derivatives(*[*stepped, *constants])
-        jacobian[:, column] = np.imag(slope) / tiny
+        with np.errstate(over="ignore", invalid="ignore"):
+            slope = physics.derivatives(*[*stepped, *constants])
+            jacobian[:, column] = np.imag(slope) / tiny
+    if not np.isfinite(jacobian).all():
+        raise ValueError(f"parameters = {p}: too large or too small for a linear model in floating-point numbers")
     if pinned:
         bodies: FloatArray = jacobian[np.ix_(BODY_STATE, BODY_STATE)]
         return bodies
@@ -178,5 +194,5 @@ def normal_modes(parameters: Parameters | Mapping[str, float] | None, name: str,
     masses = np.repeat([p.m1, p.m2] if pinned else [p.m0, p.m1, p.m2], 3)
     root = np.sqrt(masses)
     stiffness = -matrix[size:, :size] * root[:, None] / root[None, :]
-    omega_squared, vectors = np.linalg.eigh((stiffness + stiffness.T) / 2)
+    omega_squared, vectors = np.linalg.eigh(stiffness / 2 + stiffness.T / 2)
     return NormalModes(omega_squared, vectors / root[:, None])

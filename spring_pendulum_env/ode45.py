@@ -86,7 +86,7 @@ class ODE45(OdeSolver):  # type: ignore[misc] # SciPy is untyped
         failures: steps tried in vain.
 
     Raises:
-        ValueError: a tolerance or the gap isn't positive and finite, or `atol` has another shape than the state.
+        ValueError: an instant isn't finite, a tolerance or the gap isn't positive and finite, or `atol` has another shape than the state.
     """
 
     t: float
@@ -103,6 +103,9 @@ class ODE45(OdeSolver):  # type: ignore[misc] # SciPy is untyped
         first_gap: float | None = None,
         vectorized: bool = False,
     ) -> None:
+        for name, instant in (("t0", t0), ("t_bound", t_bound)):
+            if not np.isfinite(instant):
+                raise ValueError(f"{name} = {instant!r}: must be a finite number")
         super().__init__(fun, t0, y0, t_bound, vectorized)
         self.rtol = max(positive_number("rtol", rtol), 100.0 * float(np.finfo(float).eps))
         for tolerance in np.ravel(np.asarray(atol, dtype=object)):
@@ -152,7 +155,8 @@ class ODE45(OdeSolver):  # type: ignore[misc] # SciPy is untyped
         failed = False
         while True:
             t_new = self.t_bound if last else self.t + self.direction * length
-            y_new, error = self._stages(t_new)
+            with np.errstate(over="ignore", invalid="ignore"):  # a step that runs away is tried again, shorter
+                y_new, error = self._stages(t_new)
             if error <= self.rtol:
                 break
             self.failures += 1
@@ -209,7 +213,7 @@ def refined(solver: ODE45, refine: int = REFINE) -> tuple[FloatArray, FloatArray
         ArithmeticError: no step is short enough; the message says when.
         ValueError: `refine` isn't a whole number above zero.
     """
-    if refine < 1 or int(refine) != refine:
+    if isinstance(refine, bool) or not isinstance(refine, (int, np.integer)) or refine < 1:
         raise ValueError(f"refine = {refine!r}: must be a whole number > 0")
     fractions = np.arange(1, refine) / refine
     times: list[Any] = [[solver.t]]

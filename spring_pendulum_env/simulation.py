@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from spring_pendulum_env import physics
 from spring_pendulum_env.equilibria import energy
 from spring_pendulum_env.physics import Parameters
-from spring_pendulum_env.scenario import positive_number
+from spring_pendulum_env.scenario import LARGEST_SIZE, positive_number, real_numbers
 
 FloatArray = NDArray[np.float64]
 
@@ -21,6 +21,11 @@ METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA", "ode45")
 
 TOLERANCE = 1e-12
 """Default of both tolerances; ode45 has its own."""
+
+LEAST_EVALUATIONS = 50_000
+EVALUATIONS_PER_RADIAN = 20_000
+"""A run may take so many evaluations of the right-hand side: the first, and the second for each radian of the fastest
+oscillation of the springs; ten times as many under RK23, which needs many for a small tolerance."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +78,8 @@ def simulate(
 
     Raises:
         ValueError: a wrong argument.
-        ArithmeticError: the integrator gave up; the message says when and why.
+        ArithmeticError: the integrator gave up, or took more evaluations than any motion should need
+            (EVALUATIONS_PER_RADIAN); the message says when and why.
     """
     from scipy.integrate import solve_ivp  # here since importing it takes longer than importing the rest
 
@@ -84,8 +90,8 @@ def simulate(
     instants = _numbers("times", times)
     if start.shape != (12,):
         raise ValueError(f"state of shape {start.shape}: must have shape (12,)")
-    if not np.isfinite(start).all():
-        raise ValueError(f"state = {start}: must be finite")
+    if not (np.abs(start) <= LARGEST_SIZE).all():
+        raise ValueError(f"state = {start}: must be finite, no number larger than {LARGEST_SIZE:g}")
     if instants.ndim != 1 or instants.size < 1 or not np.isfinite(instants).all() or (np.diff(instants) <= 0).any():
         raise ValueError(f"times = {times!r}: must be finite, increasing instants, at least one")
     if method not in METHODS:
@@ -97,22 +103,25 @@ def simulate(
     atol = absolute if atol is None else positive_number("atol", atol)
 
     if instants.size == 1:
-        states = start[None, :]
-    elif method == "ode45" and instants.size == 2:
-        solver = ode45.ODE45(right_hand_side(p), instants[0], start, instants[1], rtol, atol)
-        instants, states = ode45.refined(solver)
-    else:
-        options: dict[str, Any] = {"method": method}
-        if method == "ode45":
-            options = {"method": ode45.ODE45, "first_gap": instants[1] - instants[0]}
-        solution = solve_ivp(
-            right_hand_side(p), (instants[0], instants[-1]), start, t_eval=instants, rtol=rtol, atol=atol, **options
-        )
-        if not solution.success:
-            raise ArithmeticError(
-                f"{method} stopped at t = {solution.t[-1] if len(solution.t) else instants[0]} s: {solution.message}"
+        return Trajectory(p, instants, start[None, :], np.asarray(energy(p, start[None, :])))
+    slope = _bounded(right_hand_side(p), method, _most_evaluations(p, method, float(instants[-1] - instants[0])))
+    with np.errstate(all="ignore"):  # a step that runs away is tried again; what can't be helped is said below
+        if method == "ode45" and instants.size == 2:
+            solver = ode45.ODE45(slope, instants[0], start, instants[1], rtol, atol)
+            instants, states = ode45.refined(solver)
+        else:
+            options: dict[str, Any] = {"method": method}
+            if method == "ode45":
+                options = {"method": ode45.ODE45, "first_gap": instants[1] - instants[0]}
+            solution = solve_ivp(
+                slope, (instants[0], instants[-1]), start, t_eval=instants, rtol=rtol, atol=atol, **options
             )
-        states = solution.y.T.copy()
+            if not solution.success:
+                stopped = solution.t[-1] if len(solution.t) else instants[0]
+                raise ArithmeticError(f"{method} stopped at t = {stopped} s: {solution.message}")
+            states = solution.y.T.copy()
+    if not (np.abs(states) <= LARGEST_SIZE).all():
+        raise ArithmeticError(f"{method}: the motion is too violent, its numbers grow beyond {LARGEST_SIZE:g}")
     return Trajectory(p, instants, states, np.asarray(energy(p, states)))
 
 
@@ -141,6 +150,35 @@ def right_hand_side(parameters: Parameters | Mapping[str, float] | None) -> Call
     return rates
 
 
+def _most_evaluations(p: Parameters, method: str, duration: float) -> float:
+    fastest = float(physics.fastest_frequency(0.0, 1.0 / p.m1, 1.0 / p.m2, p.k1, p.k2))
+    return (LEAST_EVALUATIONS + EVALUATIONS_PER_RADIAN * fastest * duration) * (10 if method == "RK23" else 1)
+
+
+def _bounded(
+    slope: Callable[[float, FloatArray], list[float]], method: str, most: float
+) -> Callable[[float, FloatArray], list[float]]:
+    """A right-hand side that can't be evaluated for ever.
+
+    Raises, when it is called:
+        ArithmeticError: more than `most` times.
+    """
+    count = 0
+
+    def counted(time: float, state: FloatArray) -> list[float]:
+        nonlocal count
+        count += 1
+        if count > most:
+            raise ArithmeticError(
+                f"{method} stopped at t = {time} s after {most:,.0f} evaluations, more than any motion should need: the "
+                "state is too large for its small parts to be told from rounding, or the tolerance too small for the "
+                "method"
+            )
+        return slope(time, state)
+
+    return counted
+
+
 def _numbers(name: str, value: ArrayLike) -> FloatArray:
     """`value` as an array.
 
@@ -148,6 +186,6 @@ def _numbers(name: str, value: ArrayLike) -> FloatArray:
         ValueError: it isn't made of numbers.
     """
     try:
-        return np.array(value, dtype=np.float64)
+        return real_numbers(value).copy()
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} = {value!r}: must be numbers") from None
+        raise ValueError(f"{name} = {value!r}: must be real numbers") from None

@@ -316,6 +316,7 @@ def test_map_is_its_starts_indicators(tmp_path: Path) -> None:
         ({"angles": []}, r"angles of shape \(0,\)"),
         ({"angles": [0.2, 0.1]}, "must be finite and increasing"),
         ({"angles": "all"}, "angles = 'all'"),
+        ({"angles": [1j]}, "(?s)angles = .*must be real numbers"),
         ({"energies": [np.nan]}, "must be finite and increasing"),
         ({"energies": [-1.0, 1.0]}, "energies = -1 J"),
         ({"angles": [3.0], "energies": [1.0]}, "too little to stand still"),

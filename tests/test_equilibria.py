@@ -238,6 +238,13 @@ def test_spring_compressed_to_nothing_is_named(name: str, changed: dict[str, flo
     equilibrium(p, "hanging-hanging")  # which the same springs hold
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("changes", "named"), [({"k1": 1e308, "m1": 1e-9}, "k1=1e.308"), ({"k1": 1e-308}, "k1 = 1e-308")])
+def test_constants_beyond_floating_point_are_named(changes: dict[str, float], named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        normal_modes(changes, "hanging-hanging")
+
+
 @pytest.mark.parametrize("function", [equilibrium, linearise, normal_modes])
 def test_wrong_parameter_is_named(function: Any) -> None:
     with pytest.raises(ValueError, match=r"m1 = -1"):
@@ -283,6 +290,23 @@ def test_energy_of_a_wrong_shape_says_so(shape: tuple[int, ...]) -> None:
         energy(None, np.zeros(shape))
     assert str(shape) in str(caught.value)
     assert "12 or 18" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("state", "message"),
+    [
+        (np.full(12, np.nan), "state = .*nan.*must be finite"),
+        (np.r_[np.inf, np.zeros(17)], "state = .*inf.*must be finite"),
+        (np.full(12, 1e200), "state = .*1.e.200.*so must its energy"),
+        (np.zeros(12) + 1j, "state = .*must be real numbers"),
+        ("here", "state = 'here': must be real numbers"),
+        (["1"] * 12, "state = .*must be real numbers"),
+        ([[0.0] * 12, [0.0] * 11], "state = .*must be real numbers"),
+    ],
+)
+def test_energy_of_what_is_no_state_says_so(state: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=f"(?s){message}"):
+        energy(None, state)
 
 
 def test_energy_with_a_wrong_parameter_says_so() -> None:

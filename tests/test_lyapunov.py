@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import itertools
 import subprocess
 import sys
 from typing import Any
@@ -140,7 +141,13 @@ def test_regular_exponents_vanish(name: str) -> None:
     case = REFERENCE[name]
     found = lyapunov_exponent(case["params"], case["initial_state"], 4_000.0)
     assert abs(found.exponent) < 2 * found.resolution
-    assert found.resolution == pytest.approx(np.log(4_000.0) / 4_000.0)
+    assert found.resolution == pytest.approx(np.log(4_001.0) / 4_000.0)
+
+
+def test_resolution_of_a_short_run_is_positive_and_worse() -> None:
+    """ln(T) / T would be below zero before 1 s, and least at 1 s."""
+    found = [lyapunov_exponent(None, START, time, transient=0.0, batches=2).resolution for time in (0.1, 1.0, 3.0, 9.0)]
+    assert all(short > long > 0.2 for short, long in itertools.pairwise(found))
 
 
 def test_single_spring_can_be_chaotic() -> None:
@@ -221,6 +228,9 @@ def test_seed_is_only_a_direction() -> None:
         ({"seed": -1}, "seed = -1"),
         ({"seed": "a"}, "seed = 'a'"),
         ({"longest_step": 0.0}, "longest_step = 0.0"),
+        ({"longest_step": 5.0}, "longest_step = 5.0 s: must be at most 0.0618 s, 1 radian of the fastest mode"),
+        ({"state": START + 1j}, "(?s)state = .*must be real numbers"),
+        ({"state": START * 1e101}, r"(?s)state = .*no number larger than 1e\+100"),
         ({"parameters": {"m1": 0.0}}, "m1"),
     ],
 )

@@ -264,14 +264,16 @@ def test_gives_up_where_the_state_runs_away() -> None:
         ({"atol": [1e-6] * 11 + [0.0]}, "atol = 0.0.*> 0"),
         ({"atol": [1e-6] * 5}, r"atol of shape \(5,\): .*\(12,\)"),
         ({"first_gap": 0.0}, "first_gap = 0.0.*> 0"),
+        ({"t0": math.nan}, "t0 = nan.*finite"),
+        ({"t_bound": math.inf}, "t_bound = inf.*finite"),
     ],
 )
 def test_wrong_options_are_named(options: dict[str, Any], pattern: str) -> None:
     with pytest.raises(ValueError, match=pattern):
-        ODE45(right_hand_side(None), 0.0, VIOLENT, 1.0, **options)
+        ODE45(right_hand_side(None), **{"t0": 0.0, "y0": VIOLENT, "t_bound": 1.0, **options})
 
 
 def test_wrong_refine_is_named() -> None:
-    for wrong in (0, -1, 1.5):
-        with pytest.raises(ValueError, match=f"refine = {wrong}.*whole number > 0"):
+    for wrong in (0, -1, 1.5, "a", True):
+        with pytest.raises(ValueError, match=f"refine = {wrong!r}.*whole number > 0"):
             refined(ODE45(right_hand_side(None), 0.0, VIOLENT, 1.0), wrong)  # type: ignore[arg-type]

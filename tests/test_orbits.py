@@ -139,6 +139,8 @@ def test_rest_is_no_orbit() -> None:
         ({"guess": VIOLENT * np.nan}, "must be finite"),
         ({"period": 0.0}, "period = 0.0"),
         ({"period": -1.0}, "period = -1.0"),
+        ({"period": 1e9}, "period = 1000000000.0 s: must be at most 2500 s"),
+        ({"guess": VIOLENT + 0j}, "(?s)guess = .*must be real numbers"),
         ({"tolerance": 0.0}, "tolerance = 0.0"),
         ({"max_iterations": 0}, "max_iterations = 0"),
         ({"hold": "phase"}, "hold = 'phase'"),

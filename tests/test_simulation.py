@@ -8,9 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from reference_data import CASES, PASSIVE, VIOLENT, allowed_error, passive, steps
+from scipy.integrate import solve_ivp
 
-from spring_pendulum_env import Parameters, Trajectory, energy, simulate
+from spring_pendulum_env import Parameters, Trajectory, energy, simulate, simulation
+
+FloatArray = NDArray[np.float64]
 
 TIMES = np.linspace(0.0, 2.0, 11)
 METHODS = ("RK45", "RK23", "DOP853", "Radau", "BDF", "LSODA", "ode45")
@@ -175,6 +179,8 @@ WRONG: list[tuple[str, dict[str, Any], str]] = [
     ("mass", {"parameters": {"mass": 1.0}}, "m1"),
     # What is no number at all.
     ("state", {"state": "here"}, "'here'"),
+    ("state", {"state": np.array(VIOLENT) + 1j}, "j.*real numbers"),
+    ("state", {"state": np.array(VIOLENT) * 1e200, "method": "ode45"}, r"no number larger than 1e\+100"),
     ("state", {"state": [1.0, [2.0, 3.0]]}, r"\[1.0, \[2.0, 3.0\]\]"),
     ("times", {"times": "soon"}, "'soon'"),
     ("rtol", {"rtol": "1e-9"}, "'1e-9'.*> 0"),
@@ -190,8 +196,35 @@ def test_wrong_argument_is_named(name: str, argument: dict[str, Any], pattern: s
         simulate(**{**right, **argument})
 
 
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.filterwarnings("error")
 def test_giving_up_says_when() -> None:
-    """A motion that no step can follow: an error with the time, not half a trajectory."""
+    """A motion that no step can follow: an error with the time, not half a trajectory, nor a warning of NumPy's."""
     with pytest.raises(ArithmeticError, match="DOP853 stopped at t ="):
         simulate({"k1": 1e300, "k2": 1e300, "L1": 0.0}, VIOLENT, TIMES)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("method", "times"), [("ode45", [0.0, 1.0]), ("ode45", [0.0, 0.5, 1.0]), ("DOP853", [0.0, 1.0])])
+def test_steps_have_a_ceiling(method: str, times: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside 1e90 m the small numbers of a state are rounding, to which no tolerance can be held."""
+    monkeypatch.setattr(simulation, "LEAST_EVALUATIONS", 2_000)
+    monkeypatch.setattr(simulation, "EVALUATIONS_PER_RADIAN", 0)
+    state = [0, 0, -1e90, 0, 0, -2e90, 1, 1, 1, 0, 0, 0]
+    with pytest.raises(ArithmeticError, match=f"{method} stopped at t = .* after 2,000 evaluations"):
+        simulate(None, state, times, method)
+
+
+def test_ceiling_is_far_above_what_the_default_takes() -> None:
+    """A tenth of it would do, for the violent motion and the method that takes most; it grows with the time."""
+    for method, share in (("DOP853", 100), ("RK23", 3)):
+        most = simulation._most_evaluations(Parameters(), method, 2.0)
+        count = 0
+
+        def counted(time: float, state: FloatArray, right: Any = simulation.right_hand_side(None)) -> list[float]:
+            nonlocal count
+            count += 1
+            return list(right(time, state))
+
+        tolerance = 1e-12 if method == "DOP853" else 1e-10
+        solve_ivp(counted, (0.0, 2.0), VIOLENT, method, rtol=tolerance, atol=tolerance)
+        assert share * count < most

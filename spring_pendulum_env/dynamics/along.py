@@ -39,13 +39,12 @@ def quantities(parameters: Parameters | Mapping[str, float] | None, states: Arra
         ValueError: a wrong parameter or shape, or a number that isn't finite.
     """
     p = Parameters.of(parameters)
+    total = np.asarray(energy(p, states))
     full = full_state(states)
-    if not np.isfinite(full).all():
-        raise ValueError(f"states = {states!r}: must be finite")
     columns = np.moveaxis(full, -1, 0)
     masses = p.m0, p.m1, p.m2
     return Quantities(
-        energy=np.asarray(energy(p, states)),
+        energy=total,
         angular_momentum=np.stack(physics.angular_momentum(*[*columns, *masses]), axis=-1),
         momentum=np.stack(physics.momentum(*[*columns[9:], *masses]), axis=-1),
     )

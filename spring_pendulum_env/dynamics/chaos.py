@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spring_pendulum_env.dynamics.checks import finite_number
+from spring_pendulum_env.dynamics.checks import finite_number, real_array
 from spring_pendulum_env.dynamics.energy_surface import lowest_state
 from spring_pendulum_env.dynamics.megno import Indicators, chaos_indicators
 from spring_pendulum_env.equilibria import energy
@@ -78,7 +78,7 @@ def thrown_straight(
     p = Parameters.of(parameters)
     finite_number("heading", heading)
     rest = lowest_state(p)
-    angles, energies = np.broadcast_arrays(np.asarray(angles, dtype=np.float64), np.asarray(energies, dtype=np.float64))
+    angles, energies = np.broadcast_arrays(real_array(angles, "angles"), real_array(energies, "energies"))
     if not (np.isfinite(angles).all() and np.isfinite(energies).all()):
         raise ValueError(f"angles = {angles}, energies = {energies}: must be finite")
     sine, cosine, zero = np.sin(angles), np.cos(angles), np.zeros(angles.shape)
@@ -159,10 +159,7 @@ def _axis(name: str, values: ArrayLike) -> FloatArray:
     Raises:
         ValueError: they aren't finite numbers in increasing order.
     """
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} = {values!r}: must be numbers") from None
+    array = real_array(values, name)
     if array.ndim != 1 or len(array) == 0:
         raise ValueError(f"{name} of shape {array.shape}: must have shape (n,)")
     if not np.isfinite(array).all() or (np.diff(array) <= 0).any():

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spring_pendulum_env.scenario import LARGEST_SIZE, real_numbers
+
 FloatArray = NDArray[np.float64]
 
 
@@ -15,33 +17,41 @@ def checked_states(states: ArrayLike, name: str = "states") -> FloatArray:
     """States as an array of shape (n, 12).
 
     Raises:
-        ValueError: another shape, nothing, or a number that isn't finite.
+        ValueError: another shape, nothing, no real numbers, or one that isn't finite or is larger than 1e100.
     """
-    try:
-        array = np.array(states, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} = {states!r}: must be numbers") from None
+    array = real_array(states, name)
     if array.ndim != 2 or array.shape[1] != 12 or len(array) == 0:
         raise ValueError(f"{name} of shape {array.shape}: must have shape (n, 12)")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} = {array}: must be finite")
-    return array
+    return _moderate(array, name)
 
 
 def checked_state(state: ArrayLike, name: str = "state") -> FloatArray:
     """A state as an array of shape (12,).
 
     Raises:
-        ValueError: another shape, or a number that isn't finite.
+        ValueError: another shape, no real numbers, or one that isn't finite or is larger than 1e100.
     """
-    try:
-        array = np.array(state, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} = {state!r}: must be 12 numbers") from None
+    array = real_array(state, name)
     if array.shape != (12,):
         raise ValueError(f"{name} of shape {array.shape}: must have shape (12,)")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} = {array}: must be finite")
+    return _moderate(array, name)
+
+
+def real_array(values: ArrayLike, name: str) -> FloatArray:
+    """A copy of values as an array.
+
+    Raises:
+        ValueError: they aren't real numbers.
+    """
+    try:
+        return real_numbers(values).copy()
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} = {values!r}: must be real numbers") from None
+
+
+def _moderate(array: FloatArray, name: str) -> FloatArray:
+    if not (np.abs(array) <= LARGEST_SIZE).all():
+        raise ValueError(f"{name} = {array}: must be finite, no number larger than {LARGEST_SIZE:g}")
     return array
 
 

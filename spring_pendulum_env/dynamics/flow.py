@@ -18,6 +18,11 @@ from spring_pendulum_env.scenario import positive_number
 FloatArray = NDArray[np.float64]
 
 
+LARGEST_ANGLE = 1.0
+"""No step may be longer than this many radians of the fastest mode of the springs. No motion about hanging rest is
+faster; steps near zero length are made finer by themselves."""
+
+
 class Flow:
     """Integrates columns of a state and a displacement by the 6th-order splitting of integrators.py.
 
@@ -26,7 +31,7 @@ class Flow:
     Args:
         parameters: the constants, or a mapping of some of them.
         longest_step: no step is longer than this, s; None: as long as the environments' (0.02 s, or half a radian of
-            the fastest mode of the springs).
+            the fastest mode of the springs). At most a radian of that mode, beyond which the splitting falls apart.
 
     Raises:
         ValueError: a wrong parameter or step.
@@ -39,6 +44,11 @@ class Flow:
         fastest = float(physics.fastest_frequency(0.0, w1, w2, k1, k2))
         usual = min(LONGEST_STEP, LARGEST_PHASE / fastest) if fastest > 0 else LONGEST_STEP
         self.longest_step = usual if longest_step is None else positive_number("longest_step", longest_step)
+        if self.longest_step * fastest > LARGEST_ANGLE:
+            raise ValueError(
+                f"longest_step = {longest_step!r} s: must be at most {LARGEST_ANGLE / fastest:.4g} s, "
+                f"{LARGEST_ANGLE:g} radian of the fastest mode of the springs"
+            )
         """No step is longer than this, s."""
         self._schemes: dict[float, FloatArray] = {}
 

@@ -9,7 +9,7 @@ the diagonal of R has their growth: J.-P. Eckmann and D. Ruelle, Rev. Mod. Phys.
 Standard errors are those of batch means: the run is cut into equal batches, whose mean rates are taken as independent
 (G. S. Fishman, "Discrete-Event Simulation", 2001, section 6.6). They hold where the motion fills its part of the energy
 shell evenly in a time shorter than a batch. A regular motion has an exponent of zero, of which a run of T seconds can
-only say that it is below a few times ln(T) / T: `resolution`.
+only say that it is below a few times ln(1 + T) / T: `resolution`.
 """
 
 from __future__ import annotations
@@ -49,9 +49,10 @@ class LyapunovExponent:
 
     @property
     def resolution(self) -> float:
-        """ln(T) / T, 1/s: a displacement in a regular motion grows in proportion to time, so that at least this much
-        is found. A smaller exponent than a few times this can't be told from zero by a run so long."""
-        return float(np.log(self.times[-1]) / self.times[-1])
+        """ln(1 + T) / T, 1/s: a displacement in a regular motion grows in proportion to time, say as 1 + t with t in s,
+        so that at least this much is found. A smaller exponent than a few times this can't be told from zero by a run
+        so long."""
+        return float(np.log1p(self.times[-1]) / self.times[-1])
 
 
 @dataclasses.dataclass(frozen=True)

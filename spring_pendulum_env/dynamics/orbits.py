@@ -27,6 +27,9 @@ FloatArray = NDArray[np.float64]
 FINER = 16
 """Steps are so many times shorter than the environments': of order 6, so that rounding is left."""
 
+MOST_STEPS = 2_000_000
+"""In a period: minutes of computing."""
+
 SINGULAR = 1e-7
 """Singular values below this count as zero, in lengths, rates over the orbit's frequency, and the period times it."""
 
@@ -91,7 +94,7 @@ def periodic_orbit(
     """
     flow = _accurate_flow(parameters)
     state = checked_state(guess, "guess")
-    duration = positive_number("period", period)
+    duration = _followable(flow, "period", period)
     positive_number("tolerance", tolerance)
     whole_number("max_iterations", max_iterations, 1)
     if hold not in ("energy", "period"):
@@ -136,12 +139,24 @@ def monodromy_matrix(
         ArithmeticError: a spring passes through zero length, or the motion is beyond what floats can hold.
     """
     flow = _accurate_flow(parameters)
-    return _with_derivatives(flow, checked_state(state), positive_number("duration", duration))
+    return _with_derivatives(flow, checked_state(state), _followable(flow, "duration", duration))
 
 
 def _accurate_flow(parameters: Parameters | Mapping[str, float] | None) -> Flow:
     usual = Flow(parameters)
     return Flow(usual.parameters, usual.longest_step / FINER)
+
+
+def _followable(flow: Flow, name: str, duration: float) -> float:
+    """A time that takes no more than MOST_STEPS.
+
+    Raises:
+        ValueError: it is longer, or no time.
+    """
+    longest = MOST_STEPS * flow.longest_step
+    if positive_number(name, duration) > longest:
+        raise ValueError(f"{name} = {duration!r} s: must be at most {longest:g} s, which are {MOST_STEPS:,} steps")
+    return float(duration)
 
 
 def _with_derivatives(flow: Flow, state: FloatArray, duration: float) -> tuple[FloatArray, FloatArray]:

@@ -46,8 +46,9 @@ class Section:
         normal = checked_state(self.coefficients, "coefficients")
         if not normal.any():
             raise ValueError(f"coefficients = {self.coefficients!r}: must not all be 0")
-        if self.direction not in (-1, 0, 1):
+        if finite_number("direction", self.direction) not in (-1, 0, 1):
             raise ValueError(f"direction = {self.direction!r}: must be 1 (rising), -1 (falling) or 0 (both)")
+        object.__setattr__(self, "direction", int(self.direction))
         object.__setattr__(self, "coefficients", tuple(float(number) for number in normal))
         object.__setattr__(self, "value", finite_number("value", self.value))
 
@@ -58,7 +59,7 @@ class Section:
         Raises:
             ValueError: no such coordinate, or as the class.
         """
-        if coordinate not in COORDINATES:
+        if not isinstance(coordinate, str) or coordinate not in COORDINATES:
             raise ValueError(f"coordinate = {coordinate!r}: must be one of {', '.join(COORDINATES)}")
         return cls(tuple(float(name == coordinate) for name in COORDINATES), value, direction)
 
