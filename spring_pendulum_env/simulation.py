@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,9 @@ from spring_pendulum_env import physics
 from spring_pendulum_env.equilibria import energy
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import positive_number
+
+if TYPE_CHECKING:
+    from scipy.integrate import OdeSolver
 
 FloatArray = NDArray[np.float64]
 
@@ -51,7 +54,7 @@ def simulate(
     parameters: Parameters | Mapping[str, float] | None,
     state: ArrayLike,
     times: ArrayLike,
-    method: str = "DOP853",
+    method: str | type[OdeSolver] = "DOP853",
     rtol: float | None = None,
     atol: float | None = None,
 ) -> Trajectory:
@@ -66,7 +69,7 @@ def simulate(
         state: positions X1 Y1 Z1 X2 Y2 Z2 in m, then their rates in m/s; shape (12,).
         times: increasing instants, s; the first is that of `state`.
         method: ode45 (MATLAB's, with which the paper was made; see ode45.py), or one of SciPy's: RK45 (the same pair),
-            RK23, DOP853, Radau, BDF, LSODA.
+            RK23, DOP853, Radau, BDF, LSODA; or a class of SciPy's OdeSolver.
         rtol: relative tolerance; None is 1e-12, and under ode45 its default, 1e-3. Those below 2.3e-14 are raised to
             that.
         atol: absolute tolerance, m and m/s; None is 1e-12, and under ode45 its default, 1e-6.
@@ -75,7 +78,7 @@ def simulate(
         ValueError: a wrong argument.
         ArithmeticError: the integrator gave up; the message says when and why.
     """
-    from scipy.integrate import solve_ivp  # here since importing it takes longer than importing the rest
+    from scipy.integrate import OdeSolver, solve_ivp  # here since importing it takes longer than importing the rest
 
     from spring_pendulum_env import ode45
 
@@ -88,8 +91,8 @@ def simulate(
         raise ValueError(f"state = {start}: must be finite")
     if instants.ndim != 1 or instants.size < 1 or not np.isfinite(instants).all() or (np.diff(instants) <= 0).any():
         raise ValueError(f"times = {times!r}: must be finite, increasing instants, at least one")
-    if method not in METHODS:
-        raise ValueError(f"method = {method!r}: must be one of {', '.join(METHODS)}")
+    if method not in METHODS and not (isinstance(method, type) and issubclass(method, OdeSolver)):
+        raise ValueError(f"method = {method!r}: must be one of {', '.join(METHODS)}, or a class of SciPy's OdeSolver")
     relative, absolute = TOLERANCE, TOLERANCE
     if method == "ode45":
         relative, absolute = ode45.RELATIVE_TOLERANCE, ode45.ABSOLUTE_TOLERANCE
@@ -110,7 +113,7 @@ def simulate(
         )
         if not solution.success:
             raise ArithmeticError(
-                f"{method} stopped at t = {solution.t[-1] if len(solution.t) else instants[0]} s: {solution.message}"
+                f"{getattr(method, '__name__', method)} stopped at t = {solution.t[-1] if len(solution.t) else instants[0]} s: {solution.message}"
             )
         states = solution.y.T.copy()
     return Trajectory(p, instants, states, np.asarray(energy(p, states)))

@@ -166,6 +166,7 @@ WRONG: list[tuple[str, dict[str, Any], str]] = [
     ("method", {"method": "rk45"}, "'rk45'.*RK45.*RK23.*DOP853.*Radau.*BDF.*LSODA.*ode45"),
     ("method", {"method": "ODE45"}, "'ODE45'.*ode45"),
     ("method", {"method": None}, "None.*RK45"),
+    ("method", {"method": int}, "class 'int'.*OdeSolver"),
     ("rtol", {"rtol": 0.0}, "0.0.*> 0"),
     ("rtol", {"rtol": -1e-9}, "-1e-09.*> 0"),
     ("rtol", {"rtol": math.nan}, "nan.*> 0"),
