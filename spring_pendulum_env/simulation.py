@@ -112,9 +112,8 @@ def simulate(
             right_hand_side(p), (instants[0], instants[-1]), start, t_eval=instants, rtol=rtol, atol=atol, **options
         )
         if not solution.success:
-            raise ArithmeticError(
-                f"{getattr(method, '__name__', method)} stopped at t = {solution.t[-1] if len(solution.t) else instants[0]} s: {solution.message}"
-            )
+            name, end = getattr(method, "__name__", method), solution.t[-1] if len(solution.t) else instants[0]
+            raise ArithmeticError(f"{name} stopped at t = {end} s: {solution.message}")
         states = solution.y.T.copy()
     return Trajectory(p, instants, states, np.asarray(energy(p, states)))
 

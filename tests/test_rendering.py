@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from spring_pendulum_env import Parameters, equilibrium
 from spring_pendulum_env.canvas import import_pygame
-from spring_pendulum_env.rendering import MASSES, Renderer, round_number, tension_colour
+from spring_pendulum_env.colours import MASSES, tension_colour
+from spring_pendulum_env.readout import round_number
+from spring_pendulum_env.rendering import Renderer
 from spring_pendulum_env.scenario import Scenario
 from spring_pendulum_env.tasks import TASKS
 
