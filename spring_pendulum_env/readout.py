@@ -1,4 +1,4 @@
-"""What a picture says in numbers: the read-out, what the colours mean, and the history of the energy along the bottom."""
+"""What a picture tells in numbers and colours: the read-out, the legend, and the history of the energy below."""
 
 from __future__ import annotations
 

@@ -216,10 +216,10 @@ class Renderer:
 
     def _draw_ground(self, scene: Scene) -> None:
         """A grid that fades into the distance, kept while the camera stands still."""
+        self._spacing = round_number(scene.distance * math.tan(FIELD_OF_VIEW / 2) / 3.5)
         if scene.view == self._kept_view:
             self._canvas.restore()
             return
-        self._spacing = round_number(scene.distance * math.tan(FIELD_OF_VIEW / 2) / 3.5)
         self._canvas.clear()
         ticks = self._spacing * np.arange(-5, 6)
         x, y = self._spacing * np.round(scene.centre[:2] / self._spacing)
