@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from functools import lru_cache
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -21,7 +22,10 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
+Points = Sequence[Sequence[float]]  # x and y of each, pixels
+
 SKY, GROUND = (13, 17, 26), (33, 41, 56)  # the background at the top and at the bottom
+_SKY, _SLOPE = np.array(SKY, dtype=np.float64), np.array(GROUND, dtype=np.float64) - SKY
 
 
 def mix(a: Colour, b: Colour, share: float) -> Colour:
@@ -84,7 +88,8 @@ class Canvas:
             self.surface.fill(colour, (0, y, width, 1))
         self._sky, self._kept = self.surface.copy(), self.surface.copy()
         self.pygame.font.init()
-        self._rendered = lru_cache(64)(self.pygame.font.Font(None, round(20 * self.unit)).render)
+        self._render = self.pygame.font.Font(None, round(20 * self.unit)).render
+        self._rendered = lru_cache(64)(self._render)
 
     def clear(self) -> None:
         """Leaves nothing but the background."""
@@ -104,25 +109,25 @@ class Canvas:
 
     def over(self, colour: Colour, y: ArrayLike, opacity: ArrayLike) -> list[Colour]:
         """A colour laid over the background at heights in the picture, with given opacities."""
-        sky = np.clip(np.asarray(y, dtype=np.float64) / self.height, 0.0, 1.0).reshape(-1, 1)
-        ground = np.array(SKY) * (1.0 - sky) + np.array(GROUND) * sky
-        laid = ground + (np.array(colour) - ground) * np.asarray(opacity, dtype=np.float64).reshape(-1, 1)
-        return list(map(tuple, np.rint(laid).astype(int).tolist()))
+        share = np.minimum(np.maximum(np.asarray(y, dtype=np.float64) / self.height, 0.0), 1.0).reshape(-1, 1)
+        ground = _SKY + _SLOPE * share
+        laid = ground + (np.array(colour, dtype=np.float64) - ground) * np.asarray(opacity).reshape(-1, 1)
+        return list(map(tuple, (laid + 0.5).astype(int).tolist()))
 
-    def lines(self, colours: list[Colour], starts: FloatArray, ends: FloatArray, width: float = 1.0) -> None:
-        """Lines, each of its colour, from starts to ends, both of shape (n, 2)."""
+    def lines(self, colours: Sequence[Colour], starts: Points, ends: Points, width: float = 1.0) -> None:
+        """Lines, each of its colour, from starts to ends."""
         line, surface, pixels = self.pygame.draw.aaline, self.surface, max(1, round(width * self.unit))
-        for colour, start, end in zip(colours, starts.tolist(), ends.tolist(), strict=False):
+        for colour, start, end in zip(colours, starts, ends, strict=True):
             line(surface, colour, start, end, pixels)
 
-    def curve(self, colour: Colour, points: ArrayLike) -> None:
-        """A thin line through points of shape (n, 2), n at least 2."""
-        self.pygame.draw.aalines(self.surface, colour, False, np.asarray(points).tolist())
+    def curve(self, colour: Colour, points: Points) -> None:
+        """A thin line through two points or more."""
+        self.pygame.draw.aalines(self.surface, colour, False, points)
 
-    def shape(self, colour: Colour, corners: FloatArray) -> None:
-        """A filled polygon with corners of shape (n, 2)."""
-        self.pygame.draw.polygon(self.surface, colour, corners.tolist())
-        self.pygame.draw.aalines(self.surface, colour, True, corners.tolist())
+    def shape(self, colour: Colour, corners: Points) -> None:
+        """A filled polygon."""
+        self.pygame.draw.polygon(self.surface, colour, corners)
+        self.pygame.draw.aalines(self.surface, colour, True, corners)
 
     def circle(self, colour: Colour, x: float, y: float, radius: float, width: int = 0) -> None:
         """A disc, or with a width a ring."""
@@ -132,9 +137,12 @@ class Canvas:
         """An upright rectangle, filled."""
         self.surface.fill(colour, (left, top, width, height))
 
-    def text(self, text: str, x: float, y: float, colour: Colour, right: bool = False) -> None:
-        """Letters with their upper left corner, or with `right` their upper right one, in a place."""
-        drawn = self._rendered(text, True, colour)
+    def text(self, text: str, x: float, y: float, colour: Colour, right: bool = False, lasting: bool = True) -> None:
+        """Letters with their upper left corner, or with `right` their upper right one, in a place.
+
+        The pictures of the words are kept, but for those that aren't `lasting`.
+        """
+        drawn = (self._rendered if lasting else self._render)(text, True, colour)
         self.surface.blit(drawn, (round(x) - (drawn.get_width() if right else 0), round(y)))
 
     def stamp(self, picture: pygame.Surface, x: float, y: float, side: float) -> None:

@@ -54,7 +54,7 @@ class Scene:
         scale = self.focal / np.maximum(self.distance - near, 0.05 * self.distance)
         pixels = np.empty((len(scale), 2))
         pixels[:, 0], pixels[:, 1] = self.middle[0] + right * scale, self.middle[1] - up * scale
-        return pixels.clip(-FAR, FAR, out=pixels), scale
+        return np.minimum(np.maximum(pixels, -FAR), FAR), scale
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:

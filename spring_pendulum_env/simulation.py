@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,9 @@ from spring_pendulum_env import physics
 from spring_pendulum_env.equilibria import energy
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import LARGEST_SIZE, positive_number, real_numbers
+
+if TYPE_CHECKING:
+    from scipy.integrate import OdeSolver
 
 FloatArray = NDArray[np.float64]
 
@@ -56,7 +59,7 @@ def simulate(
     parameters: Parameters | Mapping[str, float] | None,
     state: ArrayLike,
     times: ArrayLike,
-    method: str = "DOP853",
+    method: str | type[OdeSolver] = "DOP853",
     rtol: float | None = None,
     atol: float | None = None,
 ) -> Trajectory:
@@ -71,7 +74,7 @@ def simulate(
         state: positions X1 Y1 Z1 X2 Y2 Z2 in m, then their rates in m/s; shape (12,).
         times: increasing instants, s; the first is that of `state`.
         method: ode45 (MATLAB's, with which the paper was made; see ode45.py), or one of SciPy's: RK45 (the same pair),
-            RK23, DOP853, Radau, BDF, LSODA.
+            RK23, DOP853, Radau, BDF, LSODA; or a class of SciPy's OdeSolver.
         rtol: relative tolerance; None is 1e-12, and under ode45 its default, 1e-3. Those below 2.3e-14 are raised to
             that.
         atol: absolute tolerance, m and m/s; None is 1e-12, and under ode45 its default, 1e-6.
@@ -81,7 +84,7 @@ def simulate(
         ArithmeticError: the integrator gave up, or took more evaluations than any motion should need
             (EVALUATIONS_PER_RADIAN); the message says when and why.
     """
-    from scipy.integrate import solve_ivp  # here since importing it takes longer than importing the rest
+    from scipy.integrate import OdeSolver, solve_ivp  # here since importing it takes longer than importing the rest
 
     from spring_pendulum_env import ode45
 
@@ -94,8 +97,8 @@ def simulate(
         raise ValueError(f"state = {start}: must be finite, no number larger than {LARGEST_SIZE:g}")
     if instants.ndim != 1 or instants.size < 1 or not np.isfinite(instants).all() or (np.diff(instants) <= 0).any():
         raise ValueError(f"times = {times!r}: must be finite, increasing instants, at least one")
-    if method not in METHODS:
-        raise ValueError(f"method = {method!r}: must be one of {', '.join(METHODS)}")
+    if method not in METHODS and not (isinstance(method, type) and issubclass(method, OdeSolver)):
+        raise ValueError(f"method = {method!r}: must be one of {', '.join(METHODS)}, or a class of SciPy's OdeSolver")
     relative, absolute = TOLERANCE, TOLERANCE
     if method == "ode45":
         relative, absolute = ode45.RELATIVE_TOLERANCE, ode45.ABSOLUTE_TOLERANCE
@@ -104,7 +107,8 @@ def simulate(
 
     if instants.size == 1:
         return Trajectory(p, instants, start[None, :], np.asarray(energy(p, start[None, :])))
-    slope = _bounded(right_hand_side(p), method, _most_evaluations(p, method, float(instants[-1] - instants[0])))
+    name = method if isinstance(method, str) else method.__name__
+    slope = _bounded(right_hand_side(p), name, _most_evaluations(p, name, float(instants[-1] - instants[0])))
     with np.errstate(all="ignore"):  # a step that runs away is tried again; what can't be helped is said below
         if method == "ode45" and instants.size == 2:
             solver = ode45.ODE45(slope, instants[0], start, instants[1], rtol, atol)
@@ -118,10 +122,10 @@ def simulate(
             )
             if not solution.success:
                 stopped = solution.t[-1] if len(solution.t) else instants[0]
-                raise ArithmeticError(f"{method} stopped at t = {stopped} s: {solution.message}")
+                raise ArithmeticError(f"{name} stopped at t = {stopped} s: {solution.message}")
             states = solution.y.T.copy()
     if not (np.abs(states) <= LARGEST_SIZE).all():
-        raise ArithmeticError(f"{method}: the motion is too violent, its numbers grow beyond {LARGEST_SIZE:g}")
+        raise ArithmeticError(f"{name}: the motion is too violent, its numbers grow beyond {LARGEST_SIZE:g}")
     return Trajectory(p, instants, states, np.asarray(energy(p, states)))
 
 

@@ -235,3 +235,21 @@ def test_visitor_finds_a_moving_pendulum_and_can_change_it(run_script: Any) -> N
     assert float(told["force"].split()[0]) > 0.0
     assert told["mass"] == 3.0
     assert told["label"] == "splitting, 20 ms"
+
+
+@in_browser
+def test_springs_are_red_where_they_pull_and_blue_where_they_push(run_script: Any) -> None:
+    told = run_script(
+        """
+        result = [1.4, 1, 0.6].map((length) => {
+          const seen = [];
+          scene.line = (points, colour) => seen.push(colour);
+          scene.spring([0, 0, 0], [0, 0, -length], 1, colours, false);
+          delete scene.line;
+          return numbers(seen.at(-1)); // the half of the coil that is in front
+        });
+        """
+    )
+    pulled, slack, pressed = np.array(told)
+    assert pulled[0] - pulled[2] > 80 and pressed[2] - pressed[0] > 80
+    assert abs(slack[0] - slack[2]) < 40

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from spring_pendulum_env import Parameters, equilibrium
 from spring_pendulum_env.canvas import import_pygame
-from spring_pendulum_env.rendering import MASSES, Renderer, round_number, tension_colour
+from spring_pendulum_env.colours import MASSES, tension_colour
+from spring_pendulum_env.readout import round_number
+from spring_pendulum_env.rendering import Renderer
 from spring_pendulum_env.scenario import Scenario
 from spring_pendulum_env.tasks import TASKS
 
@@ -298,3 +300,109 @@ def test_the_title_is_drawn_as_it_is_written() -> None:
     assert not np.array_equal(drawn(titled, hanging())[470:520, :200], drawn(plain, hanging())[470:520, :200])
     titled.title = ""
     assert np.array_equal(drawn(titled, hanging()), drawn(plain, hanging()))
+
+
+def brightness(picture: Picture, colour: tuple[int, int, int], background: Picture) -> NDArray[np.float64]:
+    """How much of a colour was laid over each pixel of a background, 0 to 1."""
+    change, full = picture.astype(float) - background, np.array(colour) - background.astype(float)
+    shares: NDArray[np.float64] = (change * full).sum(axis=-1) / ((full * full).sum(axis=-1) + 1e-9)
+    return shares
+
+
+def test_trails_fade_towards_their_end() -> None:
+    """The mass goes straight to the right at one speed, so a place on its trail stands for an age."""
+    shown, bare = renderer(azimuth=-90.0, elevation=0.0), renderer(azimuth=-90.0, elevation=0.0, trail=0.0)
+    for number in range(101):
+        state = hanging()
+        state[3] = state[6] = -0.5 + 0.01 * number
+        trailed, plain = drawn(shown, state, time=0.02 * number), drawn(bare, state, time=0.02 * number)
+    scene = shown.scene
+    assert scene is not None
+    ends = np.array([[-0.5, 0.0, -2.3], [0.5, 0.0, -2.3]])
+    (left, row), (right, _) = scene.project(ends)[0]
+    share = brightness(trailed, MASSES[1], plain)[round(row) - 1 : round(row) + 2].max(axis=0)
+    places = [round(left + part * (right - left)) for part in (0.15, 0.4, 0.6, 0.8)]
+    seen = [float(share[place - 3 : place + 4].mean()) for place in places]
+    expected = [0.8 * part**1.5 for part in (0.15, 0.4, 0.6, 0.8)]
+    assert seen == pytest.approx(expected, abs=0.1) and seen == sorted(seen)
+
+
+@pytest.mark.parametrize("later", [2.0, 5.0, 8.5, 11.0])
+def test_energy_strip_has_now_at_its_right_end_and_ten_seconds_on_it(later: float) -> None:
+    """A moment of high energy moves to the left as time goes on, and out."""
+    shown, still, fast = renderer(trail=0.0), hanging(), hanging()
+    fast[12] = 20.0
+    times = 0.02 * np.arange(round(later / 0.02) + 51)
+    for time in times[:-1]:
+        shown.remember(fast if 0.97 < time < 1.03 else still, Parameters(), time)
+    strip = drawn(shown, still, time=times[-1])[568:584]  # between the words and the line of no energy
+    columns = np.flatnonzero(strip.max(axis=(0, 2)) > 100)
+    if later < 10.0:
+        assert columns.mean() == pytest.approx(590.0 - 58.0 * later, abs=2.5)  # 58 pixels for each second
+    else:
+        assert len(columns) == 0
+
+
+@pytest.mark.parametrize("front", [0, 1])
+def test_the_nearer_mass_is_drawn_over_the_farther_one(front: int) -> None:
+    state = hanging()
+    state[3:9] = 0.0, -0.6, -1.2, 0.0, 0.6, -1.2
+    if front == 1:
+        state[4], state[7] = 0.6, -0.6
+    shown = renderer(azimuth=-90.0, elevation=0.0, trail=0.0)
+    picture = drawn(shown, state)
+    assert shown.scene is not None
+    x, y = shown.scene.project([0.0, 0.0, -1.2])[0][0].round().astype(int)
+    middle = picture[y - 3 : y + 4, x - 3 : x + 4].reshape(-1, 3).astype(float).mean(axis=0)
+    shares = [np.abs(middle / middle.sum() - np.array(colour) / sum(colour)).max() for colour in MASSES]
+    assert np.argmin(shares) == front and shares[front] < 0.05
+
+
+def test_what_is_nearer_is_larger() -> None:
+    shown = renderer(azimuth=-90.0, elevation=0.0, trail=0.0)
+    drawn(shown, hanging())
+    scene = shown.scene
+    assert scene is not None
+    scale = scene.project([[0.0, y, -1.0] for y in (-0.5, 0.0, 0.5)])[1]  # the eye is at -y
+    assert scale[0] > scale[1] > scale[2]
+    distance = scene.distance + scene.centre[1]
+    assert scale[0] / scale[2] == pytest.approx((distance + 0.5) / (distance - 0.5))
+
+
+def test_volumes_are_as_the_masses() -> None:
+    """Seen in the picture: the areas are as the masses to the power of two thirds."""
+    shown = renderer(azimuth=-90.0, elevation=0.0, trail=0.0)
+    side = hanging()
+    side[3:9] = -0.7, 0.0, -1.2, 0.7, 0.0, -1.2
+    for m1, m2 in ((1.0, 8.0), (4.0, 1.0)):
+        picture = drawn(shown, side, Parameters(m1=m1, m2=m2, k1=1000.0, k2=1000.0))
+        areas = [len(pixels_of_hue(picture[70:505], colour, 0.1)) for colour in MASSES]
+        assert areas[0] / areas[1] == pytest.approx((m1 / m2) ** (2 / 3), rel=0.25)
+
+
+@pytest.mark.parametrize("moved", [0.0, 0.8])
+def test_the_rings_go_with_the_anchor(moved: float) -> None:
+    shown = renderer("Damping", azimuth=-90.0, elevation=0.0, trail=0.0)
+    state = equilibrium(None, "hanging-hanging")
+    state[0] = moved
+    state[3:9] = -1.0, 0.0, -1.2, -1.2, 0.0, -1.6
+    picture = drawn(shown, state).astype(float)[70:505]
+    scene = shown.scene
+    assert scene is not None
+    below = equilibrium(None, "hanging-hanging")[:9].reshape(3, 3)[1:] + [moved, 0.0, 0.0]
+    pixels, scale = scene.project(below)
+    for (x, y), radius, colour in zip(pixels, 1.45 * scale * scene.sizes[1:], MASSES, strict=True):
+        rows, columns = np.indices(picture.shape[:2])
+        distance = np.hypot(columns - x, rows + 70 - y)
+        hue = np.abs(picture / picture.sum(axis=2, keepdims=True) - np.array(colour) / sum(colour)).max(axis=2) < 0.08
+        assert (hue & (abs(distance - radius) < 2.0)).sum() > 40
+
+
+def test_words_on_the_right_end_at_the_edge() -> None:
+    """Whatever their length; those on the left begin there."""
+    for m1 in (1.0, 1.234):
+        picture = drawn(renderer(), hanging(), Parameters(m1=m1))
+        columns = np.flatnonzero((picture[10:27, 300:].max(axis=2) > 120).any(axis=0)) + 300
+        assert 583 <= columns.max() <= 588 and columns.min() > 500
+        left = np.flatnonzero((picture[10:27, :300].max(axis=2) > 100).any(axis=0))
+        assert 11 <= left.min() <= 14

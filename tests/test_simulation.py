@@ -170,6 +170,7 @@ WRONG: list[tuple[str, dict[str, Any], str]] = [
     ("method", {"method": "rk45"}, "'rk45'.*RK45.*RK23.*DOP853.*Radau.*BDF.*LSODA.*ode45"),
     ("method", {"method": "ODE45"}, "'ODE45'.*ode45"),
     ("method", {"method": None}, "None.*RK45"),
+    ("method", {"method": int}, "class 'int'.*OdeSolver"),
     ("rtol", {"rtol": 0.0}, "0.0.*> 0"),
     ("rtol", {"rtol": -1e-9}, "-1e-09.*> 0"),
     ("rtol", {"rtol": math.nan}, "nan.*> 0"),
@@ -204,7 +205,9 @@ def test_giving_up_says_when() -> None:
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize(("method", "times"), [("ode45", [0.0, 1.0]), ("ode45", [0.0, 0.5, 1.0]), ("DOP853", [0.0, 1.0])])
+@pytest.mark.parametrize(
+    ("method", "times"), [("ode45", [0.0, 1.0]), ("ode45", [0.0, 0.5, 1.0]), ("DOP853", [0.0, 1.0])]
+)
 def test_steps_have_a_ceiling(method: str, times: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside 1e90 m the small numbers of a state are rounding, to which no tolerance can be held."""
     monkeypatch.setattr(simulation, "LEAST_EVALUATIONS", 2_000)

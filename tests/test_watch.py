@@ -149,10 +149,10 @@ def test_mp4(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 def test_the_important_colours_are_among_those_of_a_gif() -> None:
-    rendering: Any = importlib.import_module("spring_pendulum_env.rendering")
+    shades: Any = importlib.import_module("spring_pendulum_env.colours")
     colours = film.palette()
     assert len(set(colours)) == len(colours) <= 255
-    assert {rendering.PUSH, rendering.PULL, rendering.FORCE, rendering.INK, *rendering.MASSES} <= set(colours)
+    assert {shades.PUSH, shades.PULL, shades.FORCE, shades.INK, *shades.MASSES} <= set(colours)
 
 
 # The window.

@@ -8,6 +8,7 @@ from typing import Any
 from sphinx.application import Sphinx
 
 MANUAL = "The manual of each environment id is made from this class's docstring: see the environments' pages."
+COLON = "\N{RATIO}"  # stands for one where napoleon would take what is before it for a type
 
 
 def restructured(lines: list[str]) -> list[str]:
@@ -40,8 +41,23 @@ def mend(_app: Sphinx, what: str, name: str, _object: Any, _options: Any, lines:
         lines[:] = [MANUAL]
         return
     lines[:] = restructured(lines)
+    if what in ("attribute", "property"):
+        lines[:] = [line.replace(": ", f"{COLON} ") for line in lines]
+
+
+def finish(_app: Sphinx, _what: str, _name: str, _object: Any, _options: Any, lines: list[str]) -> None:
+    lines[:] = [line.replace(COLON, ":") for line in lines]
+
+
+def name_aliases(app: Sphinx, _domain: str, _kind: str, _content: Any) -> None:
+    """Within other types autodoc shows an alias as the object by which it stands for it; its name is meant."""
+    for types in app.env.current_document.autodoc_annotations.values():
+        for name, text in types.items():
+            types[name] = re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text)
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("autodoc-process-docstring", mend, priority=400)  # before napoleon looks for sections
+    app.connect("autodoc-process-docstring", finish, priority=600)
+    app.connect("object-description-transform", name_aliases, priority=400)  # before autodoc writes the types
     return {"parallel_read_safe": True}

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from agents.files import write_atomically
 from spring_pendulum_env.canvas import GROUND, SKY, Colour, mix
-from spring_pendulum_env.rendering import (
+from spring_pendulum_env.colours import (
     ANCHOR,
     FORCE,
     GRID,
@@ -26,9 +26,9 @@ from spring_pendulum_env.rendering import (
     PUSH,
     SHADOW,
     SLACK,
-    Renderer,
     tension_colour,
 )
+from spring_pendulum_env.rendering import Renderer
 from watching.episode import Episode
 
 Picture = NDArray[np.uint8]

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spring_pendulum_env.canvas import SKY, open_window
-from spring_pendulum_env.rendering import DIM, INK, Renderer
+from spring_pendulum_env.colours import DIM, INK
+from spring_pendulum_env.rendering import Renderer
 from spring_pendulum_env.scene import camera_axes
 from watching.cast import Hand
 from watching.episode import Episode

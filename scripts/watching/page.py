@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from agents.files import write_text
-from spring_pendulum_env import rendering
+from spring_pendulum_env import colours
 from spring_pendulum_env.canvas import GROUND, SKY
 from spring_pendulum_env.scene import FIELD_OF_VIEW, camera_axes, look, tension_share
 from watching.cast import described
@@ -23,18 +23,18 @@ HERE = Path(__file__).resolve().parent
 COLOURS = {
     "sky": SKY,
     "ground": GROUND,
-    "grid": rendering.GRID,
-    "shadow": rendering.SHADOW,
-    "ink": rendering.INK,
-    "dim": rendering.DIM,
-    "push": rendering.PUSH,
-    "slack": rendering.SLACK,
-    "pull": rendering.PULL,
-    "anchor": rendering.ANCHOR,
-    "m1": rendering.MASSES[0],
-    "m2": rendering.MASSES[1],
-    "force": rendering.FORCE,
-    "kinetic": rendering.KINETIC,
+    "grid": colours.GRID,
+    "shadow": colours.SHADOW,
+    "ink": colours.INK,
+    "dim": colours.DIM,
+    "push": colours.PUSH,
+    "slack": colours.SLACK,
+    "pull": colours.PULL,
+    "anchor": colours.ANCHOR,
+    "m1": colours.MASSES[0],
+    "m2": colours.MASSES[1],
+    "force": colours.FORCE,
+    "kinetic": colours.KINETIC,
 }
 
 
