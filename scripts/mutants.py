@@ -51,8 +51,8 @@ SLOW = ("environment", "compiled", "ends_every_motion")
 LIBRARIES = ("numpy", "scipy.integrate", "sympy", "casadi", "torch", "numba", "gymnasium", "mpmath", "pytest")
 """Imported once, before the first fork."""
 
-OPPOSITES = ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "Pow_Mul", "BitOr_BitAnd", "Mod_Mul", "FloorDiv_Mul")
-"""The one replacement of each arithmetical operator."""
+OPPOSITES = ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "Pow_Mul", "Mod_Mul", "FloorDiv_Mul")
+"""The one replacement of each arithmetical operator. | is none: it stands in annotations alone, which nothing runs."""
 
 PYTEST = ("-x", "-q", "--assert=plain", "-p", "no:cacheprovider", "-p", "no:unraisableexception")
 """Nothing that a process which lives for a second has no use for."""
