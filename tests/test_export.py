@@ -59,7 +59,7 @@ def onnx_actions(policy: LearnedPolicy, folder: Path) -> Callable[[Any], Any]:
         return lambda observations: session.run(["action"], {"observation": observations})[0]
     from onnx.reference import ReferenceEvaluator
 
-    evaluator = ReferenceEvaluator(folder / "policy.onnx")
+    evaluator = ReferenceEvaluator(str(folder / "policy.onnx"))
     return lambda observations: evaluator.run(["action"], {"observation": observations})[0]
 
 
