@@ -188,7 +188,7 @@ class TestTwoRunners:
         listening = [
             connection.laddr.ip
             for process in family
-            for connection in process.connections(kind="inet")
+            for connection in process.net_connections(kind="inet")
             if connection.status == psutil.CONN_LISTEN
         ]
         assert len(listening) > 3
