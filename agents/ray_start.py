@@ -34,6 +34,9 @@ def ray_running(address: str | None, processes: int) -> Iterator[None]:
     except ImportError as error:
         raise ValueError(f"ray is not installed ({error}): make ray, or pip install '.[ray]'") from error
     if address is None:
+        from ray._private import ray_constants
+
+        ray_constants.ENABLE_RAY_CLUSTER = False  # as above, where Ray was imported before
         ray.init(
             address="local",  # or it would be a cluster's, if this machine belongs to one
             num_cpus=max(processes, 1),
