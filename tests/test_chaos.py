@@ -350,7 +350,7 @@ def test_map_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
 
 @pytest.mark.parametrize("axis", [(0.0, 1.0, np.inf), (0.0, np.inf, 3.0), (0.0, 1.0, 2.5), (1.0, 0.0, 2.0)])
 def test_wrong_axis_of_the_map_script(axis: tuple[float, float, float]) -> None:
-    with pytest.raises(ValueError, match="--angles .*: must be FROM TO COUNT"):
+    with pytest.raises(ValueError, match=r"--angles .*: must be FROM TO COUNT"):
         map_script._axis("angles", *axis)
 
 

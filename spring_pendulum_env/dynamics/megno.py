@@ -125,7 +125,7 @@ def chaos_indicators(
             regular among its like, though a push out of the plane would grow.)
         interval: after which the displacement is noted and shortened again, s (adjusted so that the duration holds an
             even number).
-        longest_step: of the integration, s; None: as the environments'.
+        longest_step: of the integration, s, as for `Flow`; None: as the environments'.
         seed: of the displacements' first direction, the same for all.
         block: motions that are followed together, after which the results are saved.
         file: an .npz that holds what is done; a second call with it goes on where the first was interrupted.
