@@ -239,7 +239,9 @@ def test_spring_compressed_to_nothing_is_named(name: str, changed: dict[str, flo
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize(("changes", "named"), [({"k1": 1e308, "m1": 1e-9}, "k1=1e.308"), ({"k1": 1e-308}, "k1 = 1e-308")])
+@pytest.mark.parametrize(
+    ("changes", "named"), [({"k1": 1e308, "m1": 1e-9}, "k1=1e.308"), ({"k1": 1e-308}, "k1 = 1e-308")]
+)
 def test_constants_beyond_floating_point_are_named(changes: dict[str, float], named: str) -> None:
     with pytest.raises(ValueError, match=named):
         normal_modes(changes, "hanging-hanging")

@@ -60,9 +60,7 @@ def draw(runs: Runs, name: str, folder: Path, *, svg: bool = True) -> None:
         drawn = io.BytesIO()
         figure.savefig(drawn, format="png", dpi=DOTS)
         small = (
-            Image.open(drawn)
-            .convert("RGB")
-            .quantize(256, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
+            Image.open(drawn).convert("RGB").quantize(256, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
         )
         write_atomically(
             folder / f"{name}.png", lambda file: small.save(file, format="png", optimize=True, dpi=(DOTS, DOTS))
