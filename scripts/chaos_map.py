@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -74,7 +75,7 @@ def write(chart: ChaosMap, folder: Path) -> None:
 
 
 def _axis(name: str, low: float, high: float, count: float) -> NDArray[np.float64]:
-    if count != int(count) or count < 1 or (count > 1 and not low < high):
+    if not math.isfinite(high - low) or not count.is_integer() or count < 1 or (count > 1 and not low < high):
         raise ValueError(f"--{name} {low:g} {high:g} {count:g}: must be FROM TO COUNT, FROM below TO, COUNT from 1 on")
     return np.linspace(low, high, int(count))
 

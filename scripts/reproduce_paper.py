@@ -24,6 +24,7 @@ def main() -> None:
     config = read_config(options.config)
     if options.output.exists() and not options.output.is_dir():
         raise ValueError(f"--output {options.output}: is a file, must be a folder")
+    options.output.mkdir(parents=True, exist_ok=True)  # now, rather than find out later that it can't be
 
     from paper import claims_energy, claims_motion, figures, report  # slow to import: after the checks above
     from paper.runs import Runs

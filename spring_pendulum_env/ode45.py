@@ -86,7 +86,8 @@ class ODE45(OdeSolver):  # type: ignore[misc] # SciPy is untyped
         failures: steps tried in vain.
 
     Raises:
-        ValueError: an instant isn't finite, a tolerance or the gap isn't positive and finite, or `atol` has another shape than the state.
+        ValueError: an instant isn't finite, a tolerance or the gap isn't positive and finite, or `atol` has another
+            shape than the state.
     """
 
     t: float

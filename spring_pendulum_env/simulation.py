@@ -174,9 +174,9 @@ def _bounded(
         count += 1
         if count > most:
             raise ArithmeticError(
-                f"{method} stopped at t = {time} s after {most:,.0f} evaluations, more than any motion should need: the "
-                "state is too large for its small parts to be told from rounding, or the tolerance too small for the "
-                "method"
+                f"{method} stopped at t = {time} s after {most:,.0f} evaluations, more than any motion should need: "
+                "the state is too large for its small parts to be told from rounding, or the tolerance too small for "
+                "the method"
             )
         return slope(time, state)
 

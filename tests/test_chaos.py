@@ -348,6 +348,12 @@ def test_map_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     assert "<svg" in (tmp_path / "chaos-map.svg").read_text()
 
 
+@pytest.mark.parametrize("axis", [(0.0, 1.0, np.inf), (0.0, np.inf, 3.0), (0.0, 1.0, 2.5), (1.0, 0.0, 2.0)])
+def test_wrong_axis_of_the_map_script(axis: tuple[float, float, float]) -> None:
+    with pytest.raises(ValueError, match=r"--angles .*: must be FROM TO COUNT"):
+        map_script._axis("angles", *axis)
+
+
 # The study of shares.
 
 TINY = """
@@ -408,6 +414,21 @@ def test_wrong_settings(old: str, new: str, message: str, tmp_path: Path) -> Non
     path.write_text(TINY.replace("2.0e+2", "200").replace(old, new) if old == "200" else TINY.replace(old, new))
     with pytest.raises(ValueError, match=message):
         config.read_study(path)
+
+
+def test_folder_that_cannot_be_written_is_found_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("spring_pendulum_env.dynamics.megno._followed", None)
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(OSError, match="taken"):
+        chaos_indicators(None, [VIOLENT], 10.0, file=tmp_path / "taken" / "progress.npz")
+
+
+def test_settings_that_are_no_text(tmp_path: Path) -> None:
+    (tmp_path / "study.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ValueError, match=r"study\.yaml is not YAML: .*can't decode"):
+        config.read_study(tmp_path / "study.yaml")
 
 
 def test_quick_and_missing_settings(tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def read_study(path: Path = DEFAULT, quick: bool = False) -> Study:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ValueError(f"{path} cannot be read: {error.strerror}") from error
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(data, dict):
         raise ValueError(f"{path} holds {type(data).__name__}; allowed is a mapping of {', '.join(Study.model_fields)}")

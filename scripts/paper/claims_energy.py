@@ -159,8 +159,9 @@ def figure_3(runs: Runs) -> Claim:
         f"the centre goes from {first:.2f} to {last:.2f} m. The step control decides: SciPy's RK45, the same pair at "
         f"the same tolerances, gains or loses {'less' if 2 * other.max() < final else 'not always less'} than half as "
         f"much from each of {NEIGHBOURS} starts that differ by rounding alone. (How much is chance; ode45 has "
-        f"{ours.min():.1f} to {ours.max():.1f} % from all of them.) And the spin: at {np.abs(motion.start[6:]).max():g} m/s it is slow, as the paper says; at the {circle:.0f} m/s of a "
-        f"circle the energy {'rises' if gained.energy[-1] > gained.energy[0] else 'falls'} by "
+        f"{ours.min():.1f} to {ours.max():.1f} % from all of them.) And the spin: "
+        f"at {np.abs(motion.start[6:]).max():g} m/s it is slow, as the paper says; at the {circle:.0f} m/s of a circle "
+        f"the energy {'rises' if gained.energy[-1] > gained.energy[0] else 'falls'} by "
         f"{100 * gained.energy_error:.1f} %.",
     )
 

@@ -247,7 +247,7 @@ def single_spring(runs: Runs) -> Figure:
     middle.set(xlim=(10, times[-1]), ylim=(1e-4, 5))
     for colour, name, style in ((GREY, "chaotic", "-"), (MASS_1, "regular", "-"), (INK, "ln(1 + T) / T", "--")):
         middle.plot([], [], color=colour, linestyle=style, label=name)
-    middle.legend(loc="upper center", ncols=3, columnspacing=1.2, handlelength=1.5)
+    middle.legend(loc="upper center", ncols=3, columnspacing=1.0, handlelength=1.2, fontsize=9)
     middle.set_title("The exponents of these motions")
 
     speeds = [speed for speed, _ in runs.no_gravity]

@@ -92,7 +92,7 @@ def lyapunov_exponent(
         transient: time before that, in which the displacement turns to where it grows fastest, s.
         interval: after which the displacement is shortened again, s (adjusted so that batches hold a whole number).
         batches: equal parts of the duration of which the standard error is made.
-        longest_step: of the integration, s; None: as the environments'.
+        longest_step: of the integration, s, as for `Flow`; None: as the environments'.
         seed: of the displacement's first direction.
         progress: draw a progress bar.
 

@@ -125,7 +125,7 @@ def chaos_indicators(
             regular among its like, though a push out of the plane would grow.)
         interval: after which the displacement is noted and shortened again, s (adjusted so that the duration holds an
             even number).
-        longest_step: of the integration, s; None: as the environments'.
+        longest_step: of the integration, s, as for `Flow`; None: as the environments'.
         seed: of the displacements' first direction, the same for all.
         block: motions that are followed together, after which the results are saved.
         file: an .npz that holds what is done; a second call with it goes on where the first was interrupted.
@@ -133,6 +133,7 @@ def chaos_indicators(
 
     Raises:
         ValueError: a wrong argument, drag, or a file of other motions.
+        OSError: the file can't be written; it is tried before the work begins.
     """
     starts = checked_states(states)
     flow = Flow(parameters, longest_step)
@@ -227,6 +228,8 @@ class _Store:
         self._done = np.zeros(rows, dtype=np.bool_)
         if path is not None and path.exists():
             self._read(path, about)
+        else:
+            self._save()  # so that a folder that can't be written to is found before the work
 
     def missing(self, first: int, block: int) -> NDArray[np.intp]:
         """Rows of a block that aren't done."""
@@ -236,6 +239,10 @@ class _Store:
         """Notes the results of some rows, and saves them all."""
         self.results[:, rows] = results
         self._done[rows] = True
+        self._save()
+
+    def _save(self) -> None:
+        """Writes everything to the file, if there is one, whole or not at all."""
         if self._path is None:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)

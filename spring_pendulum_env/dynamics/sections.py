@@ -114,7 +114,7 @@ def poincare_section(
         section: the plane, and which crossings count.
         duration: for how long the motion is followed, s.
         transient: time before that, s.
-        longest_step: of the integration, s; None: as the environments'.
+        longest_step: of the integration, s, as for `Flow`; None: as the environments'.
         progress: draw a progress bar.
 
     Raises:
