@@ -292,7 +292,7 @@ class Renderer:
             pixels.tolist(), (1.45 * scale * scene.sizes[1:]).tolist(), MASSES, strict=True
         ):
             ring, width = canvas.over(colour, y, 0.55)[0], max(1, round(1.5 * unit))
-            canvas.circle(ring, x, y, max(size, 6.0 * unit), width)
+            canvas.circle(ring, x, y, max(radius, 6.0 * unit), width)
 
     def _draw_bodies(self, scene: Scene) -> None:
         """Anchor, springs and masses, the farthest first."""
