@@ -356,7 +356,7 @@ def test_a_run_without_weights(
     assert "lacks policy.pth" in said and "take it up again with scripts/train.py" in said
 
 
-def test_a_run_folder_plays(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_run_folder_plays(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     shutil.copytree(ROOT / "agents" / "policies" / "damping", tmp_path / "run")
     own, shipped = (cast.choose([name]) for name in (str(tmp_path / "run"), "damping"))
