@@ -73,7 +73,8 @@ bench: $(BENCH_VENV)/ready
 
 play:
 	@echo "docs/live.html, in any browser; it is made by scripts/make_live_page.py"
-	@$(PYTHON) -m webbrowser -t "file://$(CURDIR)/docs/live.html"
+	@$(PYTHON) -c 'import sys, webbrowser; webbrowser.open_new_tab("file://$(CURDIR)/docs/live.html") \
+		or sys.exit("no browser was found: open docs/live.html in one, on this machine or another")'
 
 leaderboard: $(READY)
 	$(BIN)/python scripts/leaderboard.py $(LEADERBOARD)

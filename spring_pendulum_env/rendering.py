@@ -288,11 +288,9 @@ class Renderer:
         if 0.0 in (scene.parameters.k1, scene.parameters.k2):
             return  # no place of rest
         pixels, scale = scene.project(scene.targets)
-        for (x, y), size, colour in zip(
-            pixels.tolist(), (1.45 * scale * scene.sizes[1:]).tolist(), MASSES, strict=True
-        ):
-            ring, width = canvas.over(colour, y, 0.55)[0], max(1, round(1.5 * unit))
-            canvas.circle(ring, x, y, max(size, 6.0 * unit), width)
+        radii, width = 1.45 * scale * scene.sizes[1:], max(1, round(1.5 * unit))
+        for (across, down), radius, colour in zip(pixels.tolist(), radii.tolist(), MASSES, strict=True):
+            canvas.circle(canvas.over(colour, down, 0.55)[0], across, down, max(radius, 6.0 * unit), width)
 
     def _draw_bodies(self, scene: Scene) -> None:
         """Anchor, springs and masses, the farthest first."""

@@ -389,7 +389,8 @@ def test_the_rings_go_with_the_anchor(moved: float) -> None:
     picture = drawn(shown, state).astype(float)[70:505]
     scene = shown.scene
     assert scene is not None
-    below = equilibrium(None, "hanging-hanging")[:9].reshape(3, 3)[1:] + [moved, 0.0, 0.0]
+    below = equilibrium(None, "hanging-hanging")[3:9].reshape(2, 3)
+    below[:, 0] += moved
     pixels, scale = scene.project(below)
     for (x, y), radius, colour in zip(pixels, 1.45 * scale * scene.sizes[1:], MASSES, strict=True):
         rows, columns = np.indices(picture.shape[:2])

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import re
 import runpy
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -322,7 +324,11 @@ def test_the_window_ends_in_time_where_the_episode_ended_before(stage: Any) -> N
         (["keyboard", "--video", "film.gif"], "'keyboard' needs the window"),
         (["nothing", "--parameters", "k1"], "--parameters k1: must be NAME=VALUE"),
         (["nothing", "--parameters", "k9=1"], "unknown parameter 'k9'"),
-        (["nothing", "--speed", "0"], "--speed 0: must be"),
+        (["nothing", "--speed", "0"], "--speed 0: must be from 0.01 to 100"),
+        (["nothing", "--speed", "1e9"], r"--speed 1e\+09: must be from 0.01 to 100"),
+        (["nothing", "--speed", "nan"], "--speed nan: must be from"),
+        (["nothing", "--fps", "1e-9", "--video", "film.gif"], "--fps 1e-09: must be from 1 to 200"),
+        (["nothing", "--fps", "1e9", "--video", "film.gif"], r"--fps 1e\+09: must be from 1 to 200"),
         (["nothing", "--seconds", "nan"], "--seconds nan: must be"),
         (["nothing", "--seconds", "0.001", "--figures", "figures"], "--seconds 0.001: must be at least .*, 0.02"),
         (["nothing", "--seed", "-1"], "--seed -1: must be"),
@@ -348,6 +354,24 @@ def test_a_run_without_weights(
     (tmp_path / "config.yaml").write_text((ROOT / "configs" / "damping-ppo.yaml").read_text())
     said = error(monkeypatch, capsys, str(tmp_path))
     assert "lacks policy.pth" in said and "take it up again with scripts/train.py" in said
+
+
+def test_a_run_folder_plays(tmp_path: Path) -> None:
+    pytest.importorskip("torch")
+    shutil.copytree(ROOT / "agents" / "policies" / "damping", tmp_path / "run")
+    own, shipped = (cast.choose([name]) for name in (str(tmp_path / "run"), "damping"))
+    states = [record.record(Episode(chosen, 0), 5, 0.4).states for chosen in (own, shipped)]
+    assert np.array_equal(*states)
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make on the PATH")
+def test_playing_without_a_browser_says_which_file_to_open(tmp_path: Path) -> None:
+    make, python = shutil.which("make"), sys.executable
+    command = [str(make), "--no-print-directory", "play", f"PYTHON={python}"]
+    nowhere = {"PATH": f"{tmp_path}", "HOME": str(tmp_path)}
+    done = subprocess.run(command, cwd=ROOT, env=nowhere, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "Traceback" not in done.stderr
+    assert "no browser was found" in done.stderr and "docs/live.html" in done.stderr
 
 
 def test_a_folder_that_cant_be_written(

@@ -13,6 +13,8 @@ from watching import film, output
 from watching.cast import HANDS, Cast, choose
 from watching.episode import Episode
 
+RANGES = {"speed": (0.01, 100.0), "fps": (1.0, 200.0)}  # beyond them a window hangs, and a film is a still
+
 
 def watch(options: argparse.Namespace) -> None:
     """Do what the options of scripts/watch.py say.
@@ -58,10 +60,12 @@ def watch(options: argparse.Namespace) -> None:
 
 def _check(options: argparse.Namespace) -> None:
     """All that can be wrong before anything is made."""
-    for name in ("seconds", "speed", "fps"):
+    if options.seconds is not None and not 0.0 < options.seconds < math.inf:
+        raise ValueError(f"--seconds {options.seconds:g}: must be a finite number > 0")
+    for name, (least, most) in RANGES.items():
         value = getattr(options, name)
-        if value is not None and not 0.0 < value < math.inf:
-            raise ValueError(f"--{name} {value:g}: must be a finite number > 0")
+        if value is not None and not least <= value <= most:
+            raise ValueError(f"--{name} {value:g}: must be from {least:g} to {most:g}")
     if options.seed < 0:
         raise ValueError(f"--seed {options.seed}: must be a whole number >= 0")
     if options.video:
