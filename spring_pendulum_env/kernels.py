@@ -68,6 +68,7 @@ from spring_pendulum_env.layout import (
     TIME,
     TIME_LIMIT,
     TOLERANCE,
+    TOO_MANY_STEPS,
     TRAVEL,
     UNFINISHED,
     VELOCITY_SCALE,
@@ -509,7 +510,7 @@ def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces,
 def _step_batch_adaptively(
     rows, wanted, settings, actions, observations, outcomes, forces, rewards, terminated, truncated
 ):
-    """As `_step_batch`, by the adaptive scheme; never UNFINISHED."""
+    """As `_step_batch`, by the adaptive scheme; after TOO_MANY_STEPS of one, the others are as they were."""
     b = np.empty((BUFFER, WIDTH))
     indices = np.empty(WIDTH, dtype=np.int64)
     limit = settings[TIME_LIMIT]
@@ -528,9 +529,12 @@ def _step_batch_adaptively(
         _settle(b, WIDTH, lanes)
         _set_again(rows, indices, lanes, b)
         _report(b, WIDTH, lanes, settings)
-        for j in range(count):
-            worst = max(worst, int(b[STATUS, j]))
         _store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated)
+        for j in range(count):
+            if b[STATUS, j] != UNFINISHED:
+                worst = max(worst, int(b[STATUS, j]))
+        if worst == TOO_MANY_STEPS:
+            break
     return worst
 
 

@@ -43,6 +43,7 @@ from spring_pendulum_env.layout import (
     STATUS,
     STEPS,
     TOO_MANY_STEPS,
+    UNFINISHED,
 )
 
 
@@ -297,7 +298,16 @@ def _adaptive(b, j, period, tolerance):
 
 @compiled
 def adapt(b, lanes, period, tolerance):
-    """A period, s, of each pendulum by the adaptive scheme; without a tolerance, by that of the guard."""
+    """A period, s, of each pendulum by the adaptive scheme; without a tolerance, by that of the guard.
+
+    After one that takes TOO_MANY_STEPS the others are left UNFINISHED: a million tries are enough for one call.
+    """
+    given_up = False
     for j in range(lanes):
-        if b[FRESH, j] == 0.0:
+        if b[FRESH, j] != 0.0:
+            continue
+        if given_up:
+            b[STATUS, j] = UNFINISHED
+        else:
             _adaptive(b, j, period, GUARD_TOLERANCE if tolerance == 0.0 else tolerance)
+            given_up = b[STATUS, j] == TOO_MANY_STEPS

@@ -343,7 +343,8 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         if status == layout.UNFINISHED:
             left = rows[self._statuses()[rows] == layout.UNFINISHED]
             kernels.step_batch_adaptively(self._rows, left, *arguments)
-            status = int(self._statuses()[rows].max())
+            statuses = self._statuses()[rows]
+            status = int(statuses[statuses != layout.UNFINISHED].max())  # left where one of them gave up
         return status
 
     def _statuses(self) -> FloatArray:
@@ -352,7 +353,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
 
     def _check(self, status: int) -> None:
         if status != layout.FINE:
-            wrong = np.flatnonzero(self._statuses() != layout.FINE)
+            wrong = np.flatnonzero(self._statuses() == status)
             raise FloatingPointError(f"rows {_some(wrong)}: {failure(status)}")
 
     def _checked_actions(self, actions: Any) -> FloatArray:
