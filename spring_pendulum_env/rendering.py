@@ -287,9 +287,9 @@ class Renderer:
                     canvas.text(axis, end[0] + 6.0 * unit, end[1] - 6.0 * unit, DIM)
         if 0.0 in (scene.parameters.k1, scene.parameters.k2):
             return  # no place of rest
-        pixels, scale = scene.project(scene.targets)
+        places, scale = scene.project(scene.targets)
         radii, width = 1.45 * scale * scene.sizes[1:], max(1, round(1.5 * unit))
-        for (across, down), radius, colour in zip(pixels.tolist(), radii.tolist(), MASSES, strict=True):
+        for (across, down), radius, colour in zip(places.tolist(), radii.tolist(), MASSES, strict=True):
             canvas.circle(canvas.over(colour, down, 0.55)[0], across, down, max(radius, 6.0 * unit), width)
 
     def _draw_bodies(self, scene: Scene) -> None:

@@ -241,6 +241,7 @@ def test_visitor_finds_a_moving_pendulum_and_can_change_it(run_script: Any) -> N
 def test_springs_are_red_where_they_pull_and_blue_where_they_push(run_script: Any) -> None:
     told = run_script(
         """
+        picture(before + 30); // sets the camera
         result = [1.4, 1, 0.6].map((length) => {
           const seen = [];
           scene.line = (points, colour) => seen.push(colour);
