@@ -98,7 +98,7 @@ def test_policies_of_randomised_parameters_are_entries_of_their_own(name: str) -
     own = FOLDER / "randomised" / f"{task}-shac.yaml"
     assert read_config(own, [f"training.seed={policy.config.training.seed}"]) == policy.config
     assert policy.config.environment.randomise
-    assert len(find(name).folders) >= 2
+    assert len(find(name).folders) >= 3
     trials = [trial for trial in TRIALS.values() if trial.equilibrium == (equilibrium or "hanging-hanging")]
     plain = find(name.removesuffix("-randomised"))
     assert [bool(find(name).controllers(t)) for t in trials] == [bool(plain.controllers(t)) for t in trials]

@@ -377,3 +377,14 @@ def test_a_state_of_something_else_is_refused(change: dict[str, Any], words: str
     del before["rows"]
     with pytest.raises(ValueError, match="rows missing or unknown"):
         env.set_state(before)
+
+
+def test_a_batch_gives_up_with_its_first_pendulum_that_takes_too_many_steps() -> None:
+    """No step is longer than 0.02 s, so 30,000 s are more than a million; each of them takes seconds."""
+    env = gym.make_vec(IDS[0], num_envs=100, control_period=30_000.0, tolerance=1e-6)
+    env.reset(seed=0)
+    before = env.unwrapped.states  # type: ignore[attr-defined]
+    with pytest.raises(FloatingPointError, match=r"rows 0: .*more than 1000000 steps"):
+        env.step(np.zeros((100, *env.single_action_space.shape)))  # type: ignore[misc]
+    after = env.unwrapped.states  # type: ignore[attr-defined]
+    assert (after[1:] == before[1:]).all()
