@@ -122,7 +122,8 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
     A wrong argument, option, state or action raises a `ValueError` that names it and says what is allowed. So do
     parameters with which one control period would take the splitting more than 62,500 steps: springs too stiff, masses
     too light, or a period too long (beyond 1,250 s with the defaults). The adaptive scheme gives up after a million
-    steps in one control period, which is a `FloatingPointError`. So a step of one pendulum takes a few seconds at most.
+    steps in one control period, which is a `FloatingPointError`. So no step takes longer than a few seconds for each
+    pendulum, and a batch stops at the first that gives up.
 
     ## Version History
 
