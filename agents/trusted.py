@@ -5,6 +5,7 @@ Nothing else here loads them, and this only for who says --trust.
 
 from __future__ import annotations
 
+import importlib
 import json
 import zipfile
 from pathlib import Path
@@ -92,7 +93,7 @@ def _algorithm(path: Path) -> Any:
         known = ", ".join(name for _, name in ALGORITHMS.values())
         raise ValueError(f"{path} is no archive of Stable-Baselines3 with one of {known}: {error}") from None
     try:
-        return getattr(__import__(package), name)
+        return getattr(importlib.import_module(package), name)
     except ImportError as error:
         hint = f"{path} needs {package}: pip install {package}"
         raise gym.error.DependencyNotInstalled(hint) from error
