@@ -61,13 +61,19 @@ def energy(parameters: Parameters | Mapping[str, float] | None, state: ArrayLike
     """
     p = Parameters.of(parameters)
     full = full_state(state)
+    total = unchecked_energy(p, full)
+    if not np.isfinite(total).all():
+        raise ValueError(f"state = {full}: must be finite, and so must its energy with {p}")
+    return total[()]
+
+
+def unchecked_energy(p: Parameters, full: FloatArray) -> FloatArray:
+    """The energy of states of shape (..., 18), J, shape (...); not finite where it is beyond floating-point numbers."""
     with np.errstate(over="ignore", invalid="ignore"):
         total: FloatArray = physics.total_energy(
             *[*np.moveaxis(full, -1, 0), p.m0, p.m1, p.m2, p.k1, p.k2, p.L1, p.L2, p.g]
         )
-    if not np.isfinite(total).all():
-        raise ValueError(f"state = {full}: must be finite, and so must its energy with {p}")
-    return total[()]
+    return total
 
 
 def spring_lengths(parameters: Parameters, name: str) -> tuple[float, float]:
