@@ -15,7 +15,7 @@ from agents.files import write_atomically, write_json
 from agents.policy import LearnedPolicy
 from agents.ray_start import ray_running
 from agents.rllib_env import NAME, fixed_variance, make_runner_env, seed_of_stretch
-from agents.training import _prepare
+from agents.training import prepare
 from agents.training_env import task_equilibrium
 
 RECORD = "rllib.json"
@@ -44,23 +44,24 @@ def train(
     folder = Path(folder)
     refuse_what_cannot_be(config, runners)
     reference = task_equilibrium(config)  # refuses wrong arguments of the environment before anything is written
-    checkpoint = _read_checkpoint(folder)
-    if _prepare(config, folder):
-        return LearnedPolicy.load(folder)
-    torch.set_num_threads(1)
-    with ray_running(address, runners):
-        training = _Training(config, folder, runners, checkpoint, progress)
-        try:
-            training.run()
-            network = training.learner().module["default_policy"].unwrapped().sb3_network()
-        finally:
-            training.close()
-    mean, variance = torch.zeros(len(reference), dtype=torch.float64).numpy(), fixed_variance(config)
-    policy = LearnedPolicy(config, network, reference, mean, variance)
-    policy.save(folder)
-    runs.write_record(config, folder, training.steps, training.seconds(), finished=True)
-    (folder / runs.CHECKPOINT).unlink(missing_ok=True)
-    return policy
+    with runs.locked(folder):
+        checkpoint = _read_checkpoint(folder)
+        if prepare(config, folder):
+            return LearnedPolicy.load(folder)
+        torch.set_num_threads(1)
+        with ray_running(address, runners):
+            training = _Training(config, folder, runners, checkpoint, progress)
+            try:
+                training.run()
+                network = training.learner().module["default_policy"].unwrapped().sb3_network()
+            finally:
+                training.close()
+        mean, variance = torch.zeros(len(reference), dtype=torch.float64).numpy(), fixed_variance(config)
+        policy = LearnedPolicy(config, network, reference, mean, variance)
+        policy.save(folder)
+        runs.write_record(config, folder, training.steps, training.seconds(), finished=True)
+        (folder / runs.CHECKPOINT).unlink(missing_ok=True)
+        return policy
 
 
 def _read_checkpoint(folder: Path) -> dict[str, Any] | None:

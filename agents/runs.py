@@ -151,8 +151,10 @@ def check_inside(path: Path, folder: Path) -> None:
 def locked(folder: Path) -> Iterator[None]:
     """Make a run folder, and keep other trainings out of it as long as this one lives.
 
-    Raises ValueError where another one is in it, OSError where it can't be made.
+    Raises ValueError where another one is in it or it is a file, OSError where it can't be made.
     """
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"folder is {str(folder)!r}, which is a file; allowed is a new folder or that of the same run")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -43,10 +43,8 @@ def train(config: Config, folder: str | Path, *, progress: bool = True) -> Learn
     """
     folder = Path(folder)
     reference = task_equilibrium(config)  # refuses wrong arguments of the environment before anything is written
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"folder is {str(folder)!r}, which is a file; allowed is a new folder or that of the same run")
     with runs.locked(folder), Stop() as stop:
-        if _prepare(config, folder):
+        if prepare(config, folder):
             return LearnedPolicy.load(folder)
         torch.set_num_threads(1)  # such small networks lose time by sharing their work
         if config.algorithm == "shac":
@@ -94,8 +92,11 @@ def _train_sb3(
     return policy
 
 
-def _prepare(config: Config, folder: Path) -> bool:
-    """Make the folder ready for this config; return whether its run is finished already."""
+def prepare(config: Config, folder: Path) -> bool:
+    """Make a folder that is there ready for this config; return whether its run is finished already.
+
+    Raises ValueError where it holds something else.
+    """
     remove_temporary(folder)
     if runs.is_there(folder / runs.CONFIG):
         difference = _difference(runs.read_run_config(folder).model_dump(), config.model_dump())
