@@ -73,16 +73,20 @@ def compiled_for_width(function: Callable[..., Any]) -> Any:
 
 
 def _floats_at(_typing: Any, _address: Any) -> Any:
-    """For compiled code: an address as a pointer to float64 numbers, of which `numba.carray` makes an array."""
+    """For compiled code: an address as a pointer to float64 numbers, of which `numba.carray` makes an array.
+
+    The address is a float64, which holds all that a process can have: Python's float is handed over faster than an int.
+    """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+        number = builder.fptoui(arguments[0], context.get_value_type(types.uintp))
+        return builder.inttoptr(number, context.get_value_type(signature.return_type))
 
-    return types.CPointer(types.float64)(types.intp), generate  # type: ignore[no-untyped-call]
+    return types.CPointer(types.float64)(types.float64), generate  # type: ignore[no-untyped-call]
 
 
-def _floats_at_in_python(address: int) -> Any:
-    return ctypes.cast(address, ctypes.POINTER(ctypes.c_double))
+def _floats_at_in_python(address: float) -> Any:
+    return ctypes.cast(int(address), ctypes.POINTER(ctypes.c_double))
 
 
 DISABLED: bool = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]

@@ -239,12 +239,12 @@ def _told(b, status):
 
 
 @compiled
-def _leave(b):
+def _leave(b, settings):
     """Ends a step: the state of one that hasn't moved, and what is told."""
     if b[MOVED, 0] == 0.0:
         for i in range(18):
             b[i, 0] = b[KEPT + i, 0]
-    _report(b, 1, np.int64(1), b.reshape(CELL)[CELL_SETTINGS:])
+    _report(b, 1, np.int64(1), settings)
     return _told(b, np.int64(b[STATUS, 0]))
 
 
@@ -255,11 +255,13 @@ def _advance(address, x, y, z):
     action isn't finite) or UNFINISHED.
 
     Args:
-        address: of a cell, in which the step works: a number is handed over in a third of the time that an array takes.
+        address: of a cell, in which the step works, as a float: that is handed over in a fraction of the time that an
+            array takes.
 
     Returns:
         STATUS; time, energy, excess energy, energy error, work, dissipated; reward, whether it ended; the reward terms.
     """
+    cell = carray(floats_at(address), (CELL,))
     b = carray(floats_at(address), (CELL, 1))
     if not math.isfinite(x + y + z):
         return _told(b, np.int64(BAD_ACTION))
@@ -271,7 +273,7 @@ def _advance(address, x, y, z):
         split(b, 1, one, refinement, b[CELL_SETTINGS + PERIOD, 0])
         _settle(b, 1, one)
         if b[GUARDED, 0] == 0.0:
-            return _leave(b)
+            return _leave(b, cell[CELL_SETTINGS:])
         for i in range(18):
             b[i, 0] = b[KEPT + i, 0]
         refinement *= REFINEMENT
@@ -280,6 +282,7 @@ def _advance(address, x, y, z):
 
 def _advance_adaptively(address, x, y, z):
     """As `_advance`, by the adaptive scheme; never UNFINISHED."""
+    cell = carray(floats_at(address), (CELL,))
     b = carray(floats_at(address), (CELL, 1))
     if not math.isfinite(x + y + z):
         return _told(b, np.int64(BAD_ACTION))
@@ -288,7 +291,7 @@ def _advance_adaptively(address, x, y, z):
     _begin(b, 1, one)
     adapt(b, one, b[CELL_SETTINGS + PERIOD, 0], b[CELL_SETTINGS + TOLERANCE, 0])
     _settle(b, 1, one)
-    return _leave(b)
+    return _leave(b, cell[CELL_SETTINGS:])
 
 
 @compiled
@@ -547,14 +550,14 @@ with cache_folder() as _cached:
     step_batch_adaptively = numba.njit(error_model="numpy", nogil=True, cache=_cached)(_step_batch_adaptively)
 
 
-def _in_python(function: Any, address: int, *action: Any) -> Any:
+def _in_python(function: Any, address: float, *action: Any) -> Any:
     """What a compiled call does to its arguments and results, where nothing is compiled."""
     told = function(address, *map(float, action))
     return tuple(part.item() if isinstance(part, np.generic) else part for part in told)
 
 
 Told = tuple[int, float, float, float, float, float, float, float, bool, float, float, float, float, float]
-Advance = Callable[[int, float, float, float], Told]
+Advance = Callable[[float, float, float, float], Told]
 
 
 def entry(function: Any) -> Advance:
@@ -567,7 +570,7 @@ def entry(function: Any) -> Advance:
     """
     if DISABLED:
         return lambda address, x, y, z: _in_python(function, address, x, y, z)
-    signature = (numba.intp, numba.float64, numba.float64, numba.float64)
+    signature = (numba.float64, numba.float64, numba.float64, numba.float64)
     function.compile(signature)
     result: Advance = function.overloads[signature].entry_point
     return result
