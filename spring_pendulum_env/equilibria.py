@@ -194,11 +194,12 @@ def normal_modes(parameters: Parameters | Mapping[str, float] | None, name: str,
     Raises:
         ValueError: as `equilibrium` does.
     """
-    p = Parameters.of(parameters).replace({"R0": 0.0, "R1": 0.0, "R2": 0.0})
+    p = Parameters.of(parameters)
     matrix = linearise(p, name, pinned=True) if pinned else linearise(p, name)[0]
     size = matrix.shape[0] // 2
     masses = np.repeat([p.m1, p.m2] if pinned else [p.m0, p.m1, p.m2], 3)
     root = np.sqrt(masses)
+    # The block of A that says what displacements do, in which drag has no part.
     stiffness = -matrix[size:, :size] * root[:, None] / root[None, :]
     omega_squared, vectors = np.linalg.eigh(stiffness / 2 + stiffness.T / 2)
     return NormalModes(omega_squared, vectors / root[:, None])
