@@ -10,7 +10,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from spring_pendulum_env import integrators, kernels, layout
+from spring_pendulum_env import integrators, layout
+from spring_pendulum_env.kernels import single
 from spring_pendulum_env.physics import AXES, Parameters
 from spring_pendulum_env.scenario import Arguments, Scenario, real_numbers
 from spring_pendulum_env.tasks import task_named
@@ -177,7 +178,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         tolist: Callable[[Any], Any] = np.ndarray.tolist
         self._numbers_of = tolist if self._places == [0, 1, 2] else self._checked_action
         adaptively = self.scenario.tolerance is not None
-        self._compiled_step = kernels.entry(kernels.advance_adaptively if adaptively else kernels.advance)
+        self._compiled_step = _adaptive_step() if adaptively else single.entry(single.advance)
         self._advance = self._compiled_step if self._started else _before_reset
 
     def __getstate__(self) -> dict[str, Any]:
@@ -332,10 +333,10 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         x, y, z = (numbers.item(place) if place >= 0 else 0.0 for place in self._places)
         return x, y, z
 
-    def _second_try(self, told: kernels.Told, action: Any) -> kernels.Told:
+    def _second_try(self, told: single.Told, action: Any) -> single.Told:
         """What a step that wasn't FINE tells in the end: by the adaptive scheme, if the splitting left it to that."""
         if told[0] == layout.UNFINISHED:
-            told = kernels.entry(kernels.advance_adaptively)(self._address, *self._checked_action(action))
+            told = _adaptive_step()(self._address, *self._checked_action(action))
         if told[0] != layout.FINE:
             self._refuse(told[0], action)
         return told
@@ -346,9 +347,16 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         raise FloatingPointError(f"{failure(status)} (state {self._full_state}, {self._parameters})")
 
 
-def _before_reset(_address: float, _x: float, _y: float, _z: float) -> kernels.Told:
+def _before_reset(_address: float, _x: float, _y: float, _z: float) -> single.Told:
     """Stands for the compiled step until the first reset."""
     raise gym.error.ResetNeeded("step called before reset: call reset first")
+
+
+def _adaptive_step() -> single.Advance:
+    """The compiled step by the adaptive scheme, which takes long to import and compile: only where it is needed."""
+    from spring_pendulum_env.kernels import adaptive
+
+    return single.entry(adaptive.advance_adaptively)
 
 
 RENDER_OPTIONS = ("size", "azimuth", "elevation", "zoom", "trail", "title")

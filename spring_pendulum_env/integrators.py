@@ -1,20 +1,17 @@
-"""The integration schemes, as tables of coefficients. The loops that use them are in kernels.py.
+"""The splitting, as a table of coefficients, and the numbers that hold both schemes within bounds. The loops are in the
+package `kernels`, and there the adaptive scheme's coefficients too.
 
 Splitting: kicks (velocities change by the acceleration) and drifts (positions move by the velocities, drag acting) in
 turn; symmetric. The 6th-order Runge-Kutta-Nystrom splitting SRKN 11 b of S. Blanes and P. C. Moan, "Practical
 symplectic partitioned Runge-Kutta and Runge-Kutta-Nystrom methods", J. Comput. Appl. Math. 142 (2002) 313-330. It needs
 that the kicks commute with their own threefold bracket with the drift, which holds for a drift that is linear in the
 velocities: so drag, solved exactly inside the drift, costs no order.
-
-Dormand-Prince 8(5,3): the explicit Runge-Kutta pair of Hairer, Norsett and Wanner, "Solving Ordinary Differential
-Equations I", section II.10. The coefficients are SciPy's.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import DOP853
 
 LONGEST_STEP = 0.02
 """No scheme takes a longer step than this, s."""
@@ -59,13 +56,6 @@ KICKS, DRIFTS = _splitting(
     a=[0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928],
 )
 SPLITTING_ORDER = 6
-
-RK_STAGES: NDArray[np.float64] = np.vstack([DOP853.A, DOP853.B])
-"""Row s holds the weights of the slopes before stage s; the last stage is the new state itself."""
-
-RK_E3: NDArray[np.float64] = np.ascontiguousarray(DOP853.E3)
-RK_E5: NDArray[np.float64] = np.ascontiguousarray(DOP853.E5)
-RK_ORDER = 8
 
 
 def approaches_zero(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import hashlib
 import os
 import shutil
@@ -12,20 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba import types
-from numba.extending import intrinsic, register_jitable
+from numba.extending import register_jitable
 
 from spring_pendulum_env import integrators, physics, tasks
 
 FOLDER = Path(__file__).parent
-COMPILED = ("physics", "equilibria", "integrators", "tasks", "scenario", "layout", "jit", "schemes", "kernels")
-"""Modules whose functions and constants are compiled, besides those of `dynamics`."""
+COMPILED = ("physics", "equilibria", "integrators", "tasks", "scenario", "layout", "jit")
+"""Modules whose functions and constants are compiled, besides those of the packages `kernels` and `dynamics`."""
 
 
 def _source_hash() -> str:
     """Changes with any source that may be compiled: numba's own cache key doesn't see edits in other files."""
     sources = (FOLDER / f"{name}.py" for name in COMPILED)
-    text = b"".join(path.read_bytes() for path in (*sources, *sorted((FOLDER / "dynamics").glob("*.py"))))
+    packages = (path for name in ("kernels", "dynamics") for path in sorted((FOLDER / name).glob("*.py")))
+    text = b"".join(path.read_bytes() for path in (*sources, *packages))
     return hashlib.sha256(text).hexdigest()[:16]
 
 
@@ -56,44 +55,25 @@ def cache_folder() -> Iterator[bool]:
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """Compiled by itself, with the entries that call it, and cached with them."""
-    dispatcher: Any = numba.njit(error_model="numpy", nogil=True)(function)
-    return dispatcher
+    """Compiled by itself, with the entries that call it, and cached with them; not to be called from Python."""
+    if DISABLED:
+        return function
+    options: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # which take a tenth of the time
+    return numba.njit(error_model="numpy", nogil=True, **options)(function)
 
 
-def compiled_for_width(function: Callable[..., Any]) -> Any:
-    """As `compiled`, for functions of a buffer, its width, and how many lanes of it are in use.
-
-    They begin with `literally(width)` and a test of the buffer's width that never fails: these tell the compiler the
-    distances between the buffer's fields, without which it would not vectorise. The lanes are one, or a multiple of
-    eight, so that no loop has a remainder. Written into one big function instead, the parts would take numba several
-    times as long.
-    """
-    return compiled(function)
-
-
-def _floats_at(_typing: Any, _address: Any) -> Any:
-    """For compiled code: an address as a pointer to float64 numbers, of which `numba.carray` makes an array.
-
-    The address is a float64, which holds all that a process can have: Python's float is handed over faster than an int.
-    """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        number = builder.fptoui(arguments[0], context.get_value_type(types.uintp))
-        return builder.inttoptr(number, context.get_value_type(signature.return_type))
-
-    return types.CPointer(types.float64)(types.float64), generate  # type: ignore[no-untyped-call]
-
-
-def _floats_at_in_python(address: float) -> Any:
-    return ctypes.cast(int(address), ctypes.POINTER(ctypes.c_double))
+def compiled_entry(function: Callable[..., Any], nogil: bool = True) -> Any:
+    """Compiled when it is first called from Python, and cached; `nogil` lets other threads run meanwhile."""
+    with cache_folder() as cached:
+        options: dict[str, Any] = {"nogil": nogil, "cache": cached}
+        if not DISABLED:
+            options["no_cfunc_wrapper"] = True
+        njit: Any = numba.njit  # whose stubs don't know all of its options
+        return njit(error_model="numpy", **options)(function)
 
 
 DISABLED: bool = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
 """Whether NUMBA_DISABLE_JIT=1 has everything run in plain Python, to be debugged or traced, a thousand times slower."""
-
-floats_at: Any = _floats_at_in_python if DISABLED else intrinsic(_floats_at)
-carray: Any = numba.carray  # type: ignore[attr-defined]
 
 
 for _function in (

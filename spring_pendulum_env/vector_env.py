@@ -17,9 +17,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from spring_pendulum_env import kernels, layout
+from spring_pendulum_env import layout
 from spring_pendulum_env.env import checked_render_options, failure
 from spring_pendulum_env.equilibria import BODY_STATE
+from spring_pendulum_env.kernels import batch
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import Arguments, Scenario, real_numbers
 from spring_pendulum_env.starts import Starts
@@ -268,7 +269,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         if usual:
             self._starts.prepare(rows)
             start = (self.scenario.start, self.scenario.spread, self._starts.numbers, self._starts.taken)
-            kernels.place(self._rows, rows, self._template, *start)
+            batch.place(self._rows, rows, self._template, *start)
             drawn = [self.scenario.parameters] * rows.size if self._any_unusual else []
         else:
             episodes = [
@@ -336,13 +337,14 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
 
     def _advance_rows(self, rows: NDArray[np.intp], actions: FloatArray, results: _Results) -> int:
         """One control period of some rows; the largest STATUS."""
+        buffer = np.empty((layout.BUFFER, layout.WIDTH))
         arguments = (self._settings, actions, *results)
         if self.scenario.tolerance is not None:
-            return int(kernels.step_batch_adaptively(self._rows, rows, *arguments))
-        status = int(kernels.step_batch(self._rows, rows, *arguments))
+            return int(_adaptive_step()(buffer, self._rows, rows, *arguments))
+        status = int(batch.step_batch(buffer, self._rows, rows, *arguments))
         if status == layout.UNFINISHED:
             left = rows[self._statuses()[rows] == layout.UNFINISHED]
-            kernels.step_batch_adaptively(self._rows, left, *arguments)
+            _adaptive_step()(buffer, self._rows, left, *arguments)
             statuses = self._statuses()[rows]
             status = int(statuses[statuses != layout.UNFINISHED].max())  # left where one of them gave up
         return status
@@ -458,6 +460,13 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         return self._renderers[row].draw(
             state, parameters, force, float(fields[layout.CLOCK] * self.scenario.control_period)
         )
+
+
+def _adaptive_step() -> Any:
+    """The compiled step by the adaptive scheme, which takes long to import and compile: only where it is needed."""
+    from spring_pendulum_env.kernels import adaptive
+
+    return adaptive.step_batch_adaptively
 
 
 class _Results(NamedTuple):

@@ -16,7 +16,7 @@ import sympy
 import torch
 from numpy.typing import NDArray
 
-import spring_pendulum_env.kernels  # noqa: F401  (marks the functions of physics.py for numba)
+import spring_pendulum_env.jit  # noqa: F401  (marks the functions of physics.py for numba)
 from spring_pendulum_env import Parameters, energy, linearise, physics, simulate
 
 FloatArray = NDArray[np.float64]

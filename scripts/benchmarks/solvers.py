@@ -159,7 +159,7 @@ def compiled_slope(parameters: Parameters) -> Callable[[float, FloatArray], Floa
     """The right-hand side of the passive pendulum, compiled by numba."""
     import numba
 
-    import spring_pendulum_env.kernels  # noqa: F401 (lets numba compile the functions of physics.py)
+    import spring_pendulum_env.jit  # noqa: F401 (lets numba compile the functions of physics.py)
 
     constants = (*parameters.constants(actuated_axes=""), *parameters.drag_rates())
     derivatives = physics.derivatives

@@ -1,0 +1,261 @@
+"""The compiled step of many pendulums, which live in blocks (see layout.py), by the splitting.
+
+Places of a block that nobody uses are filled with another pendulum, so that no loop has a remainder.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spring_pendulum_env import tasks
+from spring_pendulum_env.equilibria import BODY_STATE
+from spring_pendulum_env.integrators import FINEST, REFINEMENT
+from spring_pendulum_env.jit import compiled, compiled_entry
+from spring_pendulum_env.kernels.lanes import many_in
+from spring_pendulum_env.kernels.report import prepare, report, settle
+from spring_pendulum_env.kernels.splitting import split
+from spring_pendulum_env.layout import (
+    ALIKE,
+    AXIS_SLOTS,
+    CHUNK,
+    CLOCK,
+    ENDED,
+    FIELDS,
+    FINE,
+    FORCE,
+    FRESH,
+    GUARDED,
+    MAX_FORCE,
+    MOVED,
+    OUTCOMES,
+    PERIOD,
+    PHYSICS,
+    REWARD,
+    STATUS,
+    STEPS,
+    TIME_LIMIT,
+    UNFINISHED,
+    WIDTH,
+)
+from spring_pendulum_env.scenario import START_NUMBERS
+
+
+@compiled
+def _take(rows, alike, queue, done, waiting, indices):
+    """The next pendulums of a queue that can be done together, those that need as many steps: how many.
+
+    Args:
+        alike: whether all of them do.
+        queue: of pendulums; those from `done` on to before `waiting` are left, and change places.
+        indices: shape (WIDTH,), written: which pendulums; beyond their number the first one again.
+    """
+    block = queue[done] // WIDTH
+    steps = rows[block, STEPS, queue[done] % WIDTH]
+    if done + WIDTH <= waiting:
+        whole = True
+        for j in range(WIDTH):
+            whole &= (queue[done + j] == block * WIDTH + j) & (alike | (rows[block, STEPS, j] == steps))
+        if whole:
+            for j in range(WIDTH):
+                indices[j] = queue[done + j]
+            return WIDTH
+    count = 0
+    for n in range(done, waiting):
+        index = queue[n]
+        if alike or rows[index // WIDTH, STEPS, index % WIDTH] == steps:
+            queue[n] = queue[done + count]
+            queue[done + count] = index
+            indices[count] = index
+            count += 1
+            if count == WIDTH:
+                break
+    for j in range(count, WIDTH):
+        indices[j] = indices[0]
+    return count
+
+
+@compiled
+def _is_block(indices):
+    """Whether they are the pendulums of a block in their order, which are copied fast."""
+    same = indices[0] % WIDTH == 0
+    for j in range(WIDTH):
+        same &= indices[j] == indices[0] + j
+    return same
+
+
+@compiled
+def _load_constants(rows, index, b):
+    """Into the buffer, the constants of one pendulum for all."""
+    for i in range(PHYSICS, FIELDS):
+        for j in range(WIDTH):
+            b[i, j] = rows[index // WIDTH, i, index % WIDTH]
+
+
+@compiled
+def load(rows, indices, lanes, fields, settings, actions, b):
+    """Into the buffer: so many fields, and the force of the action, none for those that were just placed."""
+    if _is_block(indices):
+        whole = rows[indices[0] // WIDTH]
+        for i in range(fields):
+            field = whole[i]
+            for j in range(WIDTH):
+                b[i, j] = field[j]
+    else:
+        for j in range(lanes):
+            for i in range(fields):
+                b[i, j] = rows[indices[j] // WIDTH, i, indices[j] % WIDTH]
+    for i in range(3):
+        slot = int(settings[AXIS_SLOTS + i])
+        for j in range(lanes):
+            action = actions[indices[j], slot] if slot >= 0 else 0.0
+            b[FORCE + i, j] = settings[MAX_FORCE] * min(max(action, -1.0), 1.0) if b[FRESH, j] == 0.0 else 0.0
+
+
+@compiled
+def store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated):
+    """From the buffer: what a step changed, and what it reports."""
+    if _is_block(indices):
+        whole = rows[indices[0] // WIDTH]
+        for i in range(PHYSICS):
+            field = whole[i]
+            for j in range(WIDTH):
+                field[j] = b[i, j]
+        for i in range(OUTCOMES):
+            outcome = outcomes[i, indices[0] : indices[0] + WIDTH]
+            for j in range(WIDTH):
+                outcome[j] = b[FIELDS + i, j]
+    else:
+        for j in range(lanes):
+            for i in range(PHYSICS):
+                rows[indices[j] // WIDTH, i, indices[j] % WIDTH] = b[i, j]
+            for i in range(OUTCOMES):
+                outcomes[i, indices[j]] = b[FIELDS + i, j]
+    # Loops of constant length, which are fast: all numbers of the state, or those of the two masses.
+    if observations.shape[1] == 18:
+        for j in range(lanes):
+            observation = observations[indices[j]]
+            for i in range(18):
+                observation[i] = b[i, j]
+    else:
+        for j in range(lanes):
+            observation = observations[indices[j]]
+            for i in range(6):
+                observation[i] = b[3 + i, j]
+                observation[6 + i] = b[12 + i, j]
+    for j in range(lanes):
+        force = forces[indices[j]]
+        for i in range(3):
+            force[i] = b[FORCE + i, j]
+    # A pendulum that was just placed has made no step: no reward, and no end.
+    for j in range(lanes):
+        moved = b[MOVED, j] != 0.0
+        rewards[indices[j]] = b[REWARD, j] if moved else 0.0
+        terminated[indices[j]] = moved & (b[ENDED, j] != 0.0)
+        truncated[indices[j]] = moved & (b[CLOCK, j] >= limit)
+
+
+@compiled
+def set_again(rows, indices, lanes, b):
+    """The states of those that haven't moved."""
+    stayed = False
+    for j in range(lanes):
+        stayed |= b[MOVED, j] == 0.0
+    if stayed:
+        for j in range(lanes):
+            if b[MOVED, j] == 0.0:
+                for i in range(18):
+                    b[i, j] = rows[indices[j] // WIDTH, i, indices[j] % WIDTH]
+
+
+def _place(rows, wanted, template, rest, spread, numbers, taken):
+    """Gives pendulums that are as usual the next of their starts.
+
+    Args:
+        rows: shape (blocks, FIELDS, WIDTH), written.
+        wanted: which pendulums, shape (n,).
+        template: `layout.template` of them all, shape (FIELDS,).
+        rest, spread: the start's means, shape (18,), and standard deviations, shape (START_NUMBERS,).
+        numbers, taken: as `starts.Starts` has them; one more is taken of each.
+    """
+    for index in wanted:
+        row = rows[index // WIDTH]
+        j = index % WIDTH
+        for i in range(FIELDS):
+            row[i, j] = template[i]
+        for i in range(18):
+            row[i, j] = rest[i]
+        for i in range(START_NUMBERS):
+            place = BODY_STATE[i]
+            row[place, j] = tasks.displaced(rest[place], spread[i], numbers[index, taken[index], i])
+        taken[index] += 1
+
+
+def _step_batch(
+    buffer, rows, wanted, settings, actions, observations, outcomes, forces, rewards, terminated, truncated
+):
+    """One control period of many pendulums by the splitting, and their reports. Returns the largest STATUS.
+
+    Those that were just placed are only reported; those that are UNFINISHED haven't changed.
+
+    Args:
+        buffer: shape (BUFFER, WIDTH), in which the step works.
+        rows: shape (blocks, FIELDS, WIDTH), read and written.
+        wanted: which pendulums, shape (n,).
+        settings: shape (SETTINGS,).
+        actions: shape (pendulums, actuated axes), finite.
+        observations: shape (pendulums, 12 or 18), written.
+        outcomes: shape (OUTCOMES, pendulums), written: what a step reports.
+        forces: shape (pendulums, 3), written.
+        rewards, terminated, truncated: shape (pendulums,), written.
+    """
+    b = many_in(buffer)
+    indices = np.empty(WIDTH, dtype=np.int64)
+    limit = settings[TIME_LIMIT]
+    alike = settings[ALIKE] != 0.0
+    fields = PHYSICS if alike else FIELDS
+    if alike and wanted.size > 0:
+        _load_constants(rows, wanted[0], b)
+    queue = np.empty(CHUNK, dtype=np.int64)
+    worst = FINE
+    for begin in range(0, wanted.size, CHUNK):
+        waiting = min(CHUNK, wanted.size - begin)
+        for n in range(waiting):
+            queue[n] = wanted[begin + n]
+        refinement = np.int64(1)
+        while waiting > 0:
+            again = 0  # those that were guarded go back to the front of the queue, to be done finer
+            done = np.int64(0)
+            while done < waiting:
+                count = _take(rows, alike, queue, done, waiting, indices)
+                done += count
+                lanes = (count + 7) & -8
+                load(rows, indices, lanes, fields, settings, actions, b)
+                prepare(b, lanes)
+                split(b, lanes, refinement, settings[PERIOD])
+                settle(b, lanes)
+                set_again(rows, indices, lanes, b)
+                report(b, lanes, settings)
+                guarded = False
+                wrong = False
+                for j in range(lanes):
+                    guarded |= b[GUARDED, j] != 0.0
+                    wrong |= b[STATUS, j] != FINE
+                if guarded:
+                    wrong |= refinement == FINEST
+                    for j in range(lanes):
+                        if b[GUARDED, j] != 0.0:
+                            b[STATUS, j] = UNFINISHED if refinement == FINEST else FINE
+                            if j < count:
+                                queue[again] = indices[j]
+                                again += 1
+                if wrong:
+                    for j in range(count):
+                        worst = max(worst, int(b[STATUS, j]))
+                store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated)
+            refinement *= REFINEMENT
+            waiting = again if refinement <= FINEST else 0
+    return worst
+
+
+place = compiled_entry(_place, nogil=False)
+step_batch = compiled_entry(_step_batch)

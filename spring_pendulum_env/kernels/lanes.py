@@ -1,0 +1,158 @@
+"""Pendulums side by side, as the compiled code sees them: `b[field, j]` is a number of pendulum j.
+
+To numba an array of two axes would do as well, but for two things: how far its fields lie apart is known when the code
+runs only, so that nothing vectorises, and an access costs three times as much to compile, of which the step has some
+hundred. So this is a type of its own: an address, whose width, the distance between fields, is part of the type.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import operator
+from typing import Any
+
+import numpy as np
+from numba import types
+from numba.core import cgutils
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, models, register_model
+
+from spring_pendulum_env.jit import DISABLED
+from spring_pendulum_env.layout import WIDTH
+
+NUMBER = types.float64
+POINTER = types.CPointer(NUMBER)
+
+
+class Lanes(types.CPointer):
+    """The type: `width` pendulums side by side, one field after the other."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__(NUMBER)
+        self.width = width
+        self.name = f"Lanes({width})"
+
+    @property
+    def key(self) -> int:
+        """What tells one such type from another."""
+        return self.width
+
+
+register_model(Lanes)(models.PointerModel)
+
+
+@infer_global(operator.getitem)
+class _Get(AbstractTemplate):
+    def generic(self, args: Any, kws: Any) -> Any:  # noqa: ARG002
+        if isinstance(args[0], Lanes) and isinstance(args[1], types.BaseTuple):
+            return signature(NUMBER, *args)
+        return None
+
+
+@infer_global(operator.setitem)
+class _Set(AbstractTemplate):
+    def generic(self, args: Any, kws: Any) -> Any:  # noqa: ARG002
+        if isinstance(args[0], Lanes) and isinstance(args[1], types.BaseTuple):
+            return signature(types.none, args[0], args[1], NUMBER)
+        return None
+
+
+def _place(context: Any, builder: Any, lanes: Lanes, address: Any, index_type: Any, index: Any) -> Any:
+    """The address of a number."""
+    field, lane = cgutils.unpack_tuple(builder, index)
+    field = context.cast(builder, field, index_type[0], types.intp)
+    lane = context.cast(builder, lane, index_type[1], types.intp)
+    width = context.get_constant(types.intp, lanes.width)
+    return builder.gep(address, [builder.add(builder.mul(field, width), lane)])
+
+
+@lower_builtin(operator.getitem, Lanes, types.BaseTuple)
+def _get(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    lanes, index_type = signature.args
+    address, index = arguments
+    return builder.load(_place(context, builder, lanes, address, index_type, index))
+
+
+@lower_builtin(operator.setitem, Lanes, types.BaseTuple, types.float64)
+def _set(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    lanes, index_type, _ = signature.args
+    address, index, number = arguments
+    builder.store(number, _place(context, builder, lanes, address, index_type, index))
+
+
+def _pointer_to(context: Any, builder: Any, kind: Any, address: Any) -> Any:
+    """An address that is a float64, as a pointer."""
+    number = builder.fptoui(address, context.get_value_type(types.uintp))
+    return builder.inttoptr(number, context.get_value_type(kind))
+
+
+def _floats_at(_typing: Any, _address: Any) -> Any:
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return _pointer_to(context, builder, POINTER, arguments[0])
+
+    return POINTER(NUMBER), generate
+
+
+def _one_at(_typing: Any, _address: Any) -> Any:
+    one = Lanes(1)
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return _pointer_to(context, builder, one, arguments[0])
+
+    return one(NUMBER), generate
+
+
+def _many_in(_typing: Any, buffer: Any) -> Any:
+    many = Lanes(WIDTH)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        return builder.bitcast(array.data, context.get_value_type(many))
+
+    return many(buffer), generate
+
+
+def _in_use(_typing: Any, b: Any, lanes: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        if b.width == 1:
+            return context.get_constant(types.intp, 1)
+        count = context.cast(builder, arguments[1], signature.args[1], types.intp)
+        return builder.and_(count, context.get_constant(types.intp, -8))
+
+    return types.intp(b, lanes), generate
+
+
+class _Plain:
+    """The same in plain Python, where nothing is compiled."""
+
+    @staticmethod
+    def floats_at(address: float) -> Any:
+        return ctypes.cast(int(address), ctypes.POINTER(ctypes.c_double))
+
+    @staticmethod
+    def one_at(address: float) -> Any:
+        from spring_pendulum_env.layout import CELL
+
+        return np.ctypeslib.as_array(_Plain.floats_at(address), (CELL, 1))
+
+    @staticmethod
+    def many_in(buffer: Any) -> Any:
+        return buffer
+
+    @staticmethod
+    def in_use(b: Any, lanes: int) -> int:
+        return 1 if b.shape[1] == 1 else lanes & -8
+
+
+floats_at: Any = _Plain.floats_at if DISABLED else intrinsic(_floats_at)
+"""The numbers at an address. The address is a float, which holds all that a process can have: Python's float is handed
+over faster than an int."""
+
+one_at: Any = _Plain.one_at if DISABLED else intrinsic(_one_at)
+"""The pendulum in the cell at an address."""
+
+many_in: Any = _Plain.many_in if DISABLED else intrinsic(_many_in)
+"""The pendulums in an array of shape (BUFFER, WIDTH), which the caller keeps."""
+
+in_use: Any = _Plain.in_use if DISABLED else intrinsic(_in_use)
+"""How many of the lanes are gone through: one, or a multiple of eight, so that no loop has a remainder."""

@@ -1,0 +1,147 @@
+"""The compiled step of a single pendulum, which lives in a cell (see layout.py), by the splitting."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+
+from spring_pendulum_env.integrators import FINEST, REFINEMENT
+from spring_pendulum_env.jit import DISABLED, compiled, compiled_entry
+from spring_pendulum_env.kernels.lanes import floats_at, one_at
+from spring_pendulum_env.kernels.report import prepare, report, settle
+from spring_pendulum_env.kernels.splitting import split
+from spring_pendulum_env.layout import (
+    BAD_ACTION,
+    CELL_SETTINGS,
+    ENDED,
+    ENERGY,
+    ERROR,
+    EXCESS,
+    FORCE,
+    FRESH,
+    GUARDED,
+    KEPT,
+    LOST_TO_DRAG,
+    MAX_FORCE,
+    MOVED,
+    PERIOD,
+    REWARD,
+    STATUS,
+    TERMS,
+    TIME,
+    UNFINISHED,
+    WORK_DONE,
+)
+
+SETTINGS_AT = 8.0 * CELL_SETTINGS
+"""Where the settings begin in a cell, bytes."""
+
+
+@compiled
+def enter(b, x, y, z):
+    """The force of the action, none for a pendulum that was just placed; keeps the state."""
+    scale = b[CELL_SETTINGS + MAX_FORCE, 0] if b[FRESH, 0] == 0.0 else 0.0
+    b[FORCE, 0] = scale * min(max(x, -1.0), 1.0)
+    b[FORCE + 1, 0] = scale * min(max(y, -1.0), 1.0)
+    b[FORCE + 2, 0] = scale * min(max(z, -1.0), 1.0)
+    for i in range(18):
+        b[KEPT + i, 0] = b[i, 0]
+
+
+@compiled
+def told(b, status):
+    """What the environment tells of a step; a STATUS of another type than int64 would have it compiled once more."""
+    return (
+        status,
+        b[TIME, 0],
+        b[ENERGY, 0],
+        b[EXCESS, 0],
+        b[ERROR, 0],
+        b[WORK_DONE, 0],
+        b[LOST_TO_DRAG, 0],
+        b[REWARD, 0],
+        b[ENDED, 0] != 0.0,
+        b[TERMS, 0],
+        b[TERMS + 1, 0],
+        b[TERMS + 2, 0],
+        b[TERMS + 3, 0],
+        b[TERMS + 4, 0],
+    )
+
+
+@compiled
+def leave(b, settings):
+    """Ends a step: the state of one that hasn't moved, and what is told.
+
+    Args:
+        settings: those of the cell, from its first on.
+    """
+    if b[MOVED, 0] == 0.0:
+        for i in range(18):
+            b[i, 0] = b[KEPT + i, 0]
+    report(b, np.int64(1), settings)
+    return told(b, np.int64(b[STATUS, 0]))
+
+
+def _advance(address, x, y, z):
+    """One control period of a single pendulum under the action (x, y, z), in units of max_force, by the splitting.
+
+    One that was just placed is only reported. The pendulum's state is as before where the STATUS is BAD_ACTION (the
+    action isn't finite) or UNFINISHED.
+
+    Args:
+        address: of a cell, in which the step works, as a float: that is handed over in a fraction of the time that an
+            array takes.
+
+    Returns:
+        STATUS; time, energy, excess energy, energy error, work, dissipated; reward, whether it ended; the reward terms.
+    """
+    b = one_at(address)
+    if not math.isfinite(x + y + z):
+        return told(b, np.int64(BAD_ACTION))
+    one = np.int64(1)  # of a plain 1 numba would compile what is handed it a second time
+    refinement = one
+    enter(b, x, y, z)
+    while refinement <= FINEST:
+        prepare(b, one)
+        split(b, one, refinement, b[CELL_SETTINGS + PERIOD, 0])
+        settle(b, one)
+        if b[GUARDED, 0] == 0.0:
+            return leave(b, floats_at(address + SETTINGS_AT))
+        for i in range(18):
+            b[i, 0] = b[KEPT + i, 0]
+        refinement *= REFINEMENT
+    return told(b, np.int64(UNFINISHED))
+
+
+advance = compiled_entry(_advance, nogil=False)  # too short for letting go of Python's lock to pay
+
+
+def _in_python(function: Any, address: float, *action: Any) -> Any:
+    """What a compiled call does to its arguments and results, where nothing is compiled."""
+    told = function(address, *map(float, action))
+    return tuple(part.item() if isinstance(part, np.generic) else part for part in told)
+
+
+Told = tuple[int, float, float, float, float, float, float, float, bool, float, float, float, float, float]
+Advance = Callable[[float, float, float, float], Told]
+
+
+def entry(function: Any) -> Advance:
+    """`advance` or `advance_adaptively` without numba's look at its arguments' types, a good part of a short call.
+
+    Numbers are converted to float as Python's `float` does.
+
+    Raises (the function that is returned):
+        TypeError, ValueError: an action isn't three numbers.
+    """
+    if DISABLED:
+        return lambda address, x, y, z: _in_python(function, address, x, y, z)
+    signature = (numba.float64, numba.float64, numba.float64, numba.float64)
+    function.compile(signature)
+    result: Advance = function.overloads[signature].entry_point
+    return result
