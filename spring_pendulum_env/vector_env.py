@@ -337,14 +337,13 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
 
     def _advance_rows(self, rows: NDArray[np.intp], actions: FloatArray, results: _Results) -> int:
         """One control period of some rows; the largest STATUS."""
-        buffer = np.empty((layout.BUFFER, layout.WIDTH))
         arguments = (self._settings, actions, *results)
         if self.scenario.tolerance is not None:
-            return int(_adaptive_step()(buffer, self._rows, rows, *arguments))
-        status = int(batch.step_batch(buffer, self._rows, rows, *arguments))
+            return int(_adaptive_step()(self._rows, rows, *arguments))
+        status = int(batch.step_batch(self._rows, rows, *arguments))
         if status == layout.UNFINISHED:
             left = rows[self._statuses()[rows] == layout.UNFINISHED]
-            _adaptive_step()(buffer, self._rows, left, *arguments)
+            _adaptive_step()(self._rows, left, *arguments)
             statuses = self._statuses()[rows]
             status = int(statuses[statuses != layout.UNFINISHED].max())  # left where one of them gave up
         return status

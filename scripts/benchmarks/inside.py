@@ -14,7 +14,7 @@ MISSING = ""
 try:
     from spring_pendulum_env import tasks
     from spring_pendulum_env.kernels.batch import step_batch
-    from spring_pendulum_env.layout import BUFFER, FIELDS, OUTCOMES, WIDTH, fill, settings_of, steps_in, template
+    from spring_pendulum_env.layout import FIELDS, OUTCOMES, WIDTH, fill, settings_of, steps_in, template
     from spring_pendulum_env.scenario import Scenario
 except ImportError as error:
     MISSING = f"the package's inside has changed ({error})"
@@ -64,4 +64,4 @@ def stepping(rows: FloatArray, settings: FloatArray, size: int) -> Callable[[], 
         np.empty(size, dtype=np.bool_),
         np.empty(size, dtype=np.bool_),
     )
-    return partial(step_batch, np.empty((BUFFER, WIDTH)), rows, np.arange(size), settings, actions, *outputs)
+    return partial(step_batch, rows, np.arange(size), settings, actions, *outputs)

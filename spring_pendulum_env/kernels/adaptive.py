@@ -9,7 +9,7 @@ import numpy as np
 from spring_pendulum_env.jit import compiled_entry
 from spring_pendulum_env.kernels.batch import load, set_again, store
 from spring_pendulum_env.kernels.dormand_prince import adapt
-from spring_pendulum_env.kernels.lanes import floats_at, many_in, one_at
+from spring_pendulum_env.kernels.lanes import floats_at, keep, many_in, one_at
 from spring_pendulum_env.kernels.report import prepare, report, settle
 from spring_pendulum_env.kernels.single import SETTINGS_AT, enter, leave, told
 from spring_pendulum_env.layout import (
@@ -42,9 +42,10 @@ def _advance_adaptively(address, x, y, z):
 
 
 def _step_batch_adaptively(
-    buffer, rows, wanted, settings, actions, observations, outcomes, forces, rewards, terminated, truncated
+    rows, wanted, settings, actions, observations, outcomes, forces, rewards, terminated, truncated
 ):
     """As `_step_batch`, by the adaptive scheme; after TOO_MANY_STEPS of one, the others are as they were."""
+    buffer = np.empty((BUFFER, WIDTH))
     b = many_in(buffer)
     indices = np.empty(WIDTH, dtype=np.int64)
     limit = settings[TIME_LIMIT]
@@ -69,6 +70,7 @@ def _step_batch_adaptively(
                 worst = max(worst, int(b[STATUS, j]))
         if worst == TOO_MANY_STEPS:
             break
+    keep(buffer)
     return worst
 
 

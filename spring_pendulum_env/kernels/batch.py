@@ -11,12 +11,13 @@ from spring_pendulum_env import tasks
 from spring_pendulum_env.equilibria import BODY_STATE
 from spring_pendulum_env.integrators import FINEST, REFINEMENT
 from spring_pendulum_env.jit import compiled, compiled_entry
-from spring_pendulum_env.kernels.lanes import many_in
+from spring_pendulum_env.kernels.lanes import flat, keep, many_in
 from spring_pendulum_env.kernels.report import prepare, report, settle
 from spring_pendulum_env.kernels.splitting import split
 from spring_pendulum_env.layout import (
     ALIKE,
     AXIS_SLOTS,
+    BUFFER,
     CHUNK,
     CLOCK,
     ENDED,
@@ -95,11 +96,10 @@ def _load_constants(rows, index, b):
 def load(rows, indices, lanes, fields, settings, actions, b):
     """Into the buffer: so many fields, and the force of the action, none for those that were just placed."""
     if _is_block(indices):
-        whole = rows[indices[0] // WIDTH]
-        for i in range(fields):
-            field = whole[i]
-            for j in range(WIDTH):
-                b[i, j] = field[j]
+        whole = rows[indices[0] // WIDTH].reshape(FIELDS * WIDTH)
+        numbers = flat(b)
+        for n in range(fields * WIDTH):
+            numbers[n] = whole[n]
     else:
         for j in range(lanes):
             for i in range(fields):
@@ -115,11 +115,10 @@ def load(rows, indices, lanes, fields, settings, actions, b):
 def store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated):
     """From the buffer: what a step changed, and what it reports."""
     if _is_block(indices):
-        whole = rows[indices[0] // WIDTH]
-        for i in range(PHYSICS):
-            field = whole[i]
-            for j in range(WIDTH):
-                field[j] = b[i, j]
+        whole = rows[indices[0] // WIDTH].reshape(FIELDS * WIDTH)
+        numbers = flat(b)
+        for n in range(PHYSICS * WIDTH):
+            whole[n] = numbers[n]
         for i in range(OUTCOMES):
             outcome = outcomes[i, indices[0] : indices[0] + WIDTH]
             for j in range(WIDTH):
@@ -190,15 +189,12 @@ def _place(rows, wanted, template, rest, spread, numbers, taken):
         taken[index] += 1
 
 
-def _step_batch(
-    buffer, rows, wanted, settings, actions, observations, outcomes, forces, rewards, terminated, truncated
-):
+def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces, rewards, terminated, truncated):
     """One control period of many pendulums by the splitting, and their reports. Returns the largest STATUS.
 
     Those that were just placed are only reported; those that are UNFINISHED haven't changed.
 
     Args:
-        buffer: shape (BUFFER, WIDTH), in which the step works.
         rows: shape (blocks, FIELDS, WIDTH), read and written.
         wanted: which pendulums, shape (n,).
         settings: shape (SETTINGS,).
@@ -208,6 +204,7 @@ def _step_batch(
         forces: shape (pendulums, 3), written.
         rewards, terminated, truncated: shape (pendulums,), written.
     """
+    buffer = np.empty((BUFFER, WIDTH))  # compiled code aligns it better than NumPy would
     b = many_in(buffer)
     indices = np.empty(WIDTH, dtype=np.int64)
     limit = settings[TIME_LIMIT]
@@ -254,6 +251,7 @@ def _step_batch(
                 store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated)
             refinement *= REFINEMENT
             waiting = again if refinement <= FINEST else 0
+    keep(buffer)
     return worst
 
 

@@ -112,6 +112,17 @@ def _many_in(_typing: Any, buffer: Any) -> Any:
     return many(buffer), generate
 
 
+def _keep(_typing: Any, array: Any) -> Any:
+    return types.none(array), lambda context, *_: context.get_dummy_value()
+
+
+def _flat(_typing: Any, b: Any) -> Any:
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], context.get_value_type(POINTER))
+
+    return POINTER(b), generate
+
+
 def _in_use(_typing: Any, b: Any, lanes: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         if b.width == 1:
@@ -140,6 +151,14 @@ class _Plain:
         return buffer
 
     @staticmethod
+    def keep(_array: Any) -> None:
+        pass
+
+    @staticmethod
+    def flat(b: Any) -> Any:
+        return b.reshape(-1)
+
+    @staticmethod
     def in_use(b: Any, lanes: int) -> int:
         return 1 if b.shape[1] == 1 else lanes & -8
 
@@ -152,7 +171,13 @@ one_at: Any = _Plain.one_at if DISABLED else intrinsic(_one_at)
 """The pendulum in the cell at an address."""
 
 many_in: Any = _Plain.many_in if DISABLED else intrinsic(_many_in)
-"""The pendulums in an array of shape (BUFFER, WIDTH), which the caller keeps."""
+"""The pendulums in an array of shape (BUFFER, WIDTH), which must be kept as long as they are used ..."""
+
+keep: Any = _Plain.keep if DISABLED else intrinsic(_keep)
+"""... by this after their last use: compiled code lets go of an array after its own."""
+
+flat: Any = _Plain.flat if DISABLED else intrinsic(_flat)
+"""All numbers of some lanes, one field after the other."""
 
 in_use: Any = _Plain.in_use if DISABLED else intrinsic(_in_use)
 """How many of the lanes are gone through: one, or a multiple of eight, so that no loop has a remainder."""
