@@ -177,9 +177,13 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         # Where all axes are actuated and the action is an array, the compiled step looks at the numbers itself.
         tolist: Callable[[Any], Any] = np.ndarray.tolist
         self._numbers_of = tolist if self._places == [0, 1, 2] else self._checked_action
-        adaptively = self.scenario.tolerance is not None
-        self._compiled_step = _adaptive_step() if adaptively else single.entry(single.advance)
+        self._compiled_step = self._step_of_this_episode()
         self._advance = self._compiled_step if self._started else _before_reset
+
+    def _step_of_this_episode(self) -> single.Advance:
+        if self.scenario.tolerance is not None:
+            return _adaptive_step()
+        return single.entry(single.advance_with_drag if any(self._parameters.drag_rates()) else single.advance)
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the window, the compiled step and the views, which would be copied apart from what they show."""
@@ -233,6 +237,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         if parameters is not self._parameters:
             self._parameters = parameters
             self._constants = parameters.as_dict()
+            self._compiled_step = self._step_of_this_episode()
         self._started = True
         self._advance = self._compiled_step
         if self._renderer is not None:

@@ -13,7 +13,7 @@ from spring_pendulum_env.integrators import FINEST, REFINEMENT
 from spring_pendulum_env.jit import compiled, compiled_entry
 from spring_pendulum_env.kernels.lanes import flat, keep, many_in
 from spring_pendulum_env.kernels.report import prepare, report, settle
-from spring_pendulum_env.kernels.splitting import split
+from spring_pendulum_env.kernels.splitting import any_drag, split, split_with_drag
 from spring_pendulum_env.layout import (
     ALIKE,
     AXIS_SLOTS,
@@ -228,7 +228,10 @@ def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces,
                 lanes = (count + 7) & -8
                 load(rows, indices, lanes, fields, settings, actions, b)
                 prepare(b, lanes)
-                split(b, lanes, refinement, settings[PERIOD])
+                if any_drag(b, lanes):
+                    split_with_drag(b, lanes, refinement, settings[PERIOD])
+                else:
+                    split(b, lanes, refinement, settings[PERIOD])
                 settle(b, lanes)
                 set_again(rows, indices, lanes, b)
                 report(b, lanes, settings)

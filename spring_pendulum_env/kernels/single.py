@@ -13,7 +13,7 @@ from spring_pendulum_env.integrators import FINEST, REFINEMENT
 from spring_pendulum_env.jit import DISABLED, compiled, compiled_entry
 from spring_pendulum_env.kernels.lanes import floats_at, one_at
 from spring_pendulum_env.kernels.report import prepare, report, settle
-from spring_pendulum_env.kernels.splitting import split
+from spring_pendulum_env.kernels.splitting import split, split_with_drag
 from spring_pendulum_env.layout import (
     BAD_ACTION,
     CELL_SETTINGS,
@@ -74,6 +74,13 @@ def told(b, status):
 
 
 @compiled
+def _set_back(b):
+    """The state before the step."""
+    for i in range(18):
+        b[i, 0] = b[KEPT + i, 0]
+
+
+@compiled
 def leave(b, settings):
     """Ends a step: the state of one that hasn't moved, and what is told.
 
@@ -81,8 +88,7 @@ def leave(b, settings):
         settings: those of the cell, from its first on.
     """
     if b[MOVED, 0] == 0.0:
-        for i in range(18):
-            b[i, 0] = b[KEPT + i, 0]
+        _set_back(b)
     report(b, np.int64(1), settings)
     return told(b, np.int64(b[STATUS, 0]))
 
@@ -91,7 +97,7 @@ def _advance(address, x, y, z):
     """One control period of a single pendulum under the action (x, y, z), in units of max_force, by the splitting.
 
     One that was just placed is only reported. The pendulum's state is as before where the STATUS is BAD_ACTION (the
-    action isn't finite) or UNFINISHED.
+    action isn't finite) or UNFINISHED. Any drag is left out.
 
     Args:
         address: of a cell, in which the step works, as a float: that is handed over in a fraction of the time that an
@@ -112,13 +118,33 @@ def _advance(address, x, y, z):
         settle(b, one)
         if b[GUARDED, 0] == 0.0:
             return leave(b, floats_at(address + SETTINGS_AT))
-        for i in range(18):
-            b[i, 0] = b[KEPT + i, 0]
+        _set_back(b)
         refinement *= REFINEMENT
     return told(b, np.int64(UNFINISHED))
 
 
-advance = compiled_entry(_advance, nogil=False)  # too short for letting go of Python's lock to pay
+def _advance_with_drag(address, x, y, z):
+    """As `_advance`, with drag. It repeats its lines: numba can't cache a function that is handed the scheme."""
+    b = one_at(address)
+    if not math.isfinite(x + y + z):
+        return told(b, np.int64(BAD_ACTION))
+    one = np.int64(1)
+    refinement = one
+    enter(b, x, y, z)
+    while refinement <= FINEST:
+        prepare(b, one)
+        split_with_drag(b, one, refinement, b[CELL_SETTINGS + PERIOD, 0])
+        settle(b, one)
+        if b[GUARDED, 0] == 0.0:
+            return leave(b, floats_at(address + SETTINGS_AT))
+        _set_back(b)
+        refinement *= REFINEMENT
+    return told(b, np.int64(UNFINISHED))
+
+
+# Too short for letting go of Python's lock to pay.
+advance = compiled_entry(_advance, nogil=False)
+advance_with_drag = compiled_entry(_advance_with_drag, nogil=False)
 
 
 def _in_python(function: Any, address: float, *action: Any) -> Any:
@@ -132,7 +158,7 @@ Advance = Callable[[float, float, float, float], Told]
 
 
 def entry(function: Any) -> Advance:
-    """`advance` or `advance_adaptively` without numba's look at its arguments' types, a good part of a short call.
+    """One of the compiled steps without numba's look at its arguments' types, a good part of a short call.
 
     Numbers are converted to float as Python's `float` does.
 

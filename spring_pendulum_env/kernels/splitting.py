@@ -110,44 +110,63 @@ def _brake(b, lanes, s):
 
 
 @compiled
+def _guard(b, lanes, step):
+    """Those of which a spring is too close to zero length for a step, s, are GUARDED."""
+    lanes = in_use(b, lanes)
+    for j in range(lanes):
+        close1 = integrators.approaches_zero(
+            b[3, j] - b[0, j], b[4, j] - b[1, j], b[5, j] - b[2, j],
+            b[12, j] - b[9, j], b[13, j] - b[10, j], b[14, j] - b[11, j],
+            b[PHYSICS + 5, j], b[PHYSICS + 7, j], step,
+        )  # fmt: skip
+        close2 = integrators.approaches_zero(
+            b[6, j] - b[3, j], b[7, j] - b[4, j], b[8, j] - b[5, j],
+            b[15, j] - b[12, j], b[16, j] - b[13, j], b[17, j] - b[14, j],
+            b[PHYSICS + 6, j], b[PHYSICS + 8, j], step,
+        )  # fmt: skip
+        before = b[GUARDED, j]
+        b[GUARDED, j] = 1.0 if close1 | close2 else before
+
+
+@compiled
 def split(b, lanes, refinement, period):
-    """A period, s, by the symplectic splitting, in steps `refinement` times finer than usual.
+    """A period, s, by the symplectic splitting, in steps `refinement` times finer than usual, without drag.
 
     The pendulums need as many steps. Those of which a spring is too close to zero length before or after a step are
     GUARDED then.
     """
-    lanes = in_use(b, lanes)
     steps = int(b[STEPS, 0]) * refinement
     step = period / steps
-    dragged = False
-    for j in range(lanes):
-        dragged |= b[DRAG, j] + b[DRAG + 1, j] + b[DRAG + 2, j] != 0.0
-    if dragged:
-        _drag(b, lanes, step)
-    for n in range(steps + 1):
-        for j in range(lanes):
-            close1 = integrators.approaches_zero(
-                b[3, j] - b[0, j], b[4, j] - b[1, j], b[5, j] - b[2, j],
-                b[12, j] - b[9, j], b[13, j] - b[10, j], b[14, j] - b[11, j],
-                b[PHYSICS + 5, j], b[PHYSICS + 7, j], step,
-            )  # fmt: skip
-            close2 = integrators.approaches_zero(
-                b[6, j] - b[3, j], b[7, j] - b[4, j], b[8, j] - b[5, j],
-                b[15, j] - b[12, j], b[16, j] - b[13, j], b[17, j] - b[14, j],
-                b[PHYSICS + 6, j], b[PHYSICS + 8, j], step,
-            )  # fmt: skip
-            before = b[GUARDED, j]
-            b[GUARDED, j] = 1.0 if close1 | close2 else before
-        if n == steps:
-            break
+    for n in range(steps):
+        _guard(b, lanes, step)
         # The last drift is none, so the forces of the last kick in a step are those of the first in the next.
-        if not dragged:
-            _stages(b, lanes, 0, STAGES, step, n > 0)
-            continue
+        _stages(b, lanes, 0, STAGES, step, n > 0)
+    _guard(b, lanes, step)
+
+
+@compiled
+def split_with_drag(b, lanes, refinement, period):
+    """As `split`, with drag; of those without it the bits are the same. Two functions, since most need only one."""
+    steps = int(b[STEPS, 0]) * refinement
+    step = period / steps
+    _drag(b, lanes, step)
+    for n in range(steps):
+        _guard(b, lanes, step)
         for s in range(STAGES):
             _stages(b, lanes, s, s + 1, step, s == 0 and n > 0)
             if s < STAGES - 1:
                 _brake(b, lanes, s)
+    _guard(b, lanes, step)
+
+
+@compiled
+def any_drag(b, lanes):
+    """Whether there is drag on one of them."""
+    lanes = in_use(b, lanes)
+    dragged = False
+    for j in range(lanes):
+        dragged |= b[DRAG, j] + b[DRAG + 1, j] + b[DRAG + 2, j] != 0.0
+    return dragged
 
 
 @compiled
