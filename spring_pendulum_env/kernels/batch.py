@@ -12,7 +12,7 @@ from spring_pendulum_env.equilibria import BODY_STATE
 from spring_pendulum_env.integrators import FINEST, REFINEMENT
 from spring_pendulum_env.jit import compiled, compiled_entry
 from spring_pendulum_env.kernels.lanes import flat, keep, many_in
-from spring_pendulum_env.kernels.report import prepare, report, settle
+from spring_pendulum_env.kernels.report import any_stayed, prepare, report, settle
 from spring_pendulum_env.kernels.splitting import any_drag, split, split_with_drag
 from spring_pendulum_env.layout import (
     ALIKE,
@@ -96,74 +96,105 @@ def _load_constants(rows, index, b):
 def load(rows, indices, lanes, fields, settings, actions, b):
     """Into the buffer: so many fields, and the force of the action, none for those that were just placed."""
     if _is_block(indices):
-        whole = rows[indices[0] // WIDTH].reshape(FIELDS * WIDTH)
+        first = indices[0]
+        whole = rows[first // WIDTH].reshape(FIELDS * WIDTH)
         numbers = flat(b)
         for n in range(fields * WIDTH):
             numbers[n] = whole[n]
+        taken = actions[first : first + WIDTH]
+        for i in range(3):
+            slot = int(settings[AXIS_SLOTS + i])
+            for j in range(WIDTH):
+                b[FORCE + i, j] = taken[j, slot] if slot >= 0 else 0.0
     else:
         for j in range(lanes):
             for i in range(fields):
                 b[i, j] = rows[indices[j] // WIDTH, i, indices[j] % WIDTH]
+            for i in range(3):
+                slot = int(settings[AXIS_SLOTS + i])
+                b[FORCE + i, j] = actions[indices[j], slot] if slot >= 0 else 0.0
+    most = settings[MAX_FORCE]
     for i in range(3):
-        slot = int(settings[AXIS_SLOTS + i])
         for j in range(lanes):
-            action = actions[indices[j], slot] if slot >= 0 else 0.0
-            b[FORCE + i, j] = settings[MAX_FORCE] * min(max(action, -1.0), 1.0) if b[FRESH, j] == 0.0 else 0.0
+            force = most * min(max(b[FORCE + i, j], -1.0), 1.0)
+            b[FORCE + i, j] = force if b[FRESH, j] == 0.0 else 0.0
+
+
+@compiled
+def _store_block(rows, first, b, limit, observations, outcomes, forces, rewards, terminated, truncated):
+    """As `store`, of the block that begins with the pendulum `first`."""
+    whole = rows[first // WIDTH].reshape(FIELDS * WIDTH)
+    numbers = flat(b)
+    for n in range(PHYSICS * WIDTH):
+        whole[n] = numbers[n]
+    for i in range(OUTCOMES):
+        outcome = outcomes[i, first : first + WIDTH]
+        for j in range(WIDTH):
+            outcome[j] = b[FIELDS + i, j]
+    # Slices first: of their numbers the compiler knows that they are not counted from the end.
+    force = forces.reshape(forces.size)[3 * first : 3 * (first + WIDTH)]
+    for i in range(3):
+        for j in range(WIDTH):
+            force[3 * j + i] = b[FORCE + i, j]
+    size = observations.shape[1]
+    observation = observations.reshape(observations.size)[size * first : size * (first + WIDTH)]
+    if size == 18:
+        for i in range(18):
+            for j in range(WIDTH):
+                observation[18 * j + i] = b[i, j]
+    else:
+        for i in range(6):
+            for j in range(WIDTH):
+                observation[12 * j + i] = b[3 + i, j]
+                observation[12 * j + 6 + i] = b[12 + i, j]
+    earned = rewards[first : first + WIDTH]
+    ended = terminated[first : first + WIDTH]
+    late = truncated[first : first + WIDTH]
+    for j in range(WIDTH):
+        moved = b[MOVED, j] != 0.0
+        reward = b[REWARD, j]
+        earned[j] = reward if moved else 0.0
+    for j in range(WIDTH):
+        moved = b[MOVED, j] != 0.0
+        ended[j] = moved & (b[ENDED, j] != 0.0)
+        late[j] = moved & (b[CLOCK, j] >= limit)
 
 
 @compiled
 def store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated):
-    """From the buffer: what a step changed, and what it reports."""
+    """From the buffer: what a step changed, and what it reports. A pendulum that was just placed has made no step: it
+    gets no reward, and doesn't end."""
     if _is_block(indices):
-        whole = rows[indices[0] // WIDTH].reshape(FIELDS * WIDTH)
-        numbers = flat(b)
-        for n in range(PHYSICS * WIDTH):
-            whole[n] = numbers[n]
+        _store_block(rows, indices[0], b, limit, observations, outcomes, forces, rewards, terminated, truncated)
+        return
+    for j in range(lanes):
+        index = indices[j]
+        for i in range(PHYSICS):
+            rows[index // WIDTH, i, index % WIDTH] = b[i, j]
         for i in range(OUTCOMES):
-            outcome = outcomes[i, indices[0] : indices[0] + WIDTH]
-            for j in range(WIDTH):
-                outcome[j] = b[FIELDS + i, j]
-    else:
-        for j in range(lanes):
-            for i in range(PHYSICS):
-                rows[indices[j] // WIDTH, i, indices[j] % WIDTH] = b[i, j]
-            for i in range(OUTCOMES):
-                outcomes[i, indices[j]] = b[FIELDS + i, j]
-    # Loops of constant length, which are fast: all numbers of the state, or those of the two masses.
-    if observations.shape[1] == 18:
-        for j in range(lanes):
-            observation = observations[indices[j]]
-            for i in range(18):
-                observation[i] = b[i, j]
-    else:
-        for j in range(lanes):
-            observation = observations[indices[j]]
-            for i in range(6):
-                observation[i] = b[3 + i, j]
-                observation[6 + i] = b[12 + i, j]
-    for j in range(lanes):
-        force = forces[indices[j]]
+            outcomes[i, index] = b[FIELDS + i, j]
         for i in range(3):
-            force[i] = b[FORCE + i, j]
-    # A pendulum that was just placed has made no step: no reward, and no end.
-    for j in range(lanes):
+            forces[index, i] = b[FORCE + i, j]
+        if observations.shape[1] == 18:
+            for i in range(18):
+                observations[index, i] = b[i, j]
+        else:
+            for i in range(6):
+                observations[index, i] = b[3 + i, j]
+                observations[index, 6 + i] = b[12 + i, j]
         moved = b[MOVED, j] != 0.0
-        rewards[indices[j]] = b[REWARD, j] if moved else 0.0
-        terminated[indices[j]] = moved & (b[ENDED, j] != 0.0)
-        truncated[indices[j]] = moved & (b[CLOCK, j] >= limit)
+        rewards[index] = b[REWARD, j] if moved else 0.0
+        terminated[index] = moved & (b[ENDED, j] != 0.0)
+        truncated[index] = moved & (b[CLOCK, j] >= limit)
 
 
 @compiled
 def set_again(rows, indices, lanes, b):
     """The states of those that haven't moved."""
-    stayed = False
     for j in range(lanes):
-        stayed |= b[MOVED, j] == 0.0
-    if stayed:
-        for j in range(lanes):
-            if b[MOVED, j] == 0.0:
-                for i in range(18):
-                    b[i, j] = rows[indices[j] // WIDTH, i, indices[j] % WIDTH]
+        if b[MOVED, j] == 0.0:
+            for i in range(18):
+                b[i, j] = rows[indices[j] // WIDTH, i, indices[j] % WIDTH]
 
 
 def _place(rows, wanted, template, rest, spread, numbers, taken):
@@ -233,7 +264,8 @@ def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces,
                 else:
                     split(b, lanes, refinement, settings[PERIOD])
                 settle(b, lanes)
-                set_again(rows, indices, lanes, b)
+                if any_stayed(b, lanes):
+                    set_again(rows, indices, lanes, b)
                 report(b, lanes, settings)
                 guarded = False
                 wrong = False

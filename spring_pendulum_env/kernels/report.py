@@ -63,9 +63,10 @@ def settle(b, lanes):
     """After a step: which pendulums have MOVED. The others must be set again."""
     lanes = in_use(b, lanes)
     for j in range(lanes):
-        total = (
-            b[0, j] + b[1, j] + b[2, j] + b[3, j] + b[4, j] + b[5, j] + b[6, j] + b[7, j] + b[8, j]
-            + b[9, j] + b[10, j] + b[11, j] + b[12, j] + b[13, j] + b[14, j] + b[15, j] + b[16, j] + b[17, j]
+        total = (  # in pairs, which takes less time than one after the other
+            ((b[0, j] + b[1, j]) + (b[2, j] + b[3, j])) + ((b[4, j] + b[5, j]) + (b[6, j] + b[7, j]))
+            + (((b[8, j] + b[9, j]) + (b[10, j] + b[11, j])) + ((b[12, j] + b[13, j]) + (b[14, j] + b[15, j])))
+            + (b[16, j] + b[17, j])
         )  # fmt: skip
         finite = total - total == 0.0
         fresh = b[FRESH, j] != 0.0
@@ -77,6 +78,16 @@ def settle(b, lanes):
         b[STATUS, j] = status
         b[MOVED, j] = 1.0 if moved else 0.0
         b[LOST, j] = b[LOST, j] if moved else 0.0
+
+
+@compiled
+def any_stayed(b, lanes):
+    """Whether one of them hasn't MOVED."""
+    lanes = in_use(b, lanes)
+    stayed = False
+    for j in range(lanes):
+        stayed |= b[MOVED, j] == 0.0
+    return stayed
 
 
 @compiled
