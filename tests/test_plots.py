@@ -13,6 +13,7 @@ import pytest
 
 from spring_pendulum_env import Parameters, plots, simulate
 from spring_pendulum_env.physics import length
+from spring_pendulum_env.plots.trainings import millions
 
 matplotlib = pytest.importorskip("matplotlib")
 
@@ -123,7 +124,7 @@ def test_rates_of_the_phase_portraits_are_the_derivatives() -> None:
 
 def test_learning_curves_mean_and_interval() -> None:
     steps = np.linspace(0.0, 1e6, 11)
-    assert [plots._millions(count, 0) for count in (0, 5e4, 1e6, 2.5e6)] == ["0", "50 k", "1 M", "2.5 M"]
+    assert [millions(count, 0) for count in (0, 5e4, 1e6, 2.5e6)] == ["0", "50 k", "1 M", "2.5 M"]
     seeds = [(steps, level + np.zeros(11)) for level in (1.0, 2.0, 3.0)]
     axes = plots.learning_curves({"PPO": seeds, "SAC": seeds[:1]}).axes[0]
     assert np.allclose(drawn(axes)["PPO, 3 seeds"], 2.0) and np.allclose(drawn(axes)["SAC"], 1.0)

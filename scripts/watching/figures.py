@@ -13,7 +13,7 @@ from watching.record import Record
 
 
 def draw(folder: Path, records: Sequence[Record]) -> list[Path]:
-    """Draw all that plots.py has of these episodes, as PNG and SVG; returns the files.
+    """Draw all that `plots` has of these episodes, as PNG and SVG; returns the files.
 
     Raises:
         DependencyNotInstalled: matplotlib isn't there.
