@@ -1,28 +1,28 @@
 """Draws a state: a perspective picture of the pendulum in its space, with a read-out and the history of its energy.
 
 Colours tell apart what they must for colour-blind eyes too: springs go from blue (pushing) over pale grey to red
-(pulling), m1 is amber and m2 teal. `scene.py` says what is seen, `canvas.py` has the shapes, `readout.py` the numbers,
-and pygame is imported by the first `Renderer`, since nothing else of the package needs it.
+(pulling), m1 is amber and m2 teal. `scene.py` says what is seen, `canvas.py` has the shapes, `parts.py` what is made of
+them, `readout.py` the numbers, and pygame is imported by the first `Renderer`, since nothing else of the package needs
+it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spring_pendulum_env import physics
-from spring_pendulum_env.canvas import SKY, Canvas, mix, open_window
-from spring_pendulum_env.colours import ANCHOR, DIM, FORCE, GRID, MASSES, SHADOW, tension_colour
+from spring_pendulum_env.canvas import Canvas, open_window
+from spring_pendulum_env.colours import GRID, MASSES
 from spring_pendulum_env.equilibria import energy, vertical_state
+from spring_pendulum_env.parts import draw_bodies, draw_force, draw_shadows, draw_task
 from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.readout import STRIP_HEIGHT, STRIP_SECONDS, draw_strip, round_number, write
 from spring_pendulum_env.scenario import Scenario, positive_number
-from spring_pendulum_env.scene import FIELD_OF_VIEW, Scene, camera_axes, cross, look, tension_share
+from spring_pendulum_env.scene import FIELD_OF_VIEW, Scene, camera_axes, look
 
 if TYPE_CHECKING:
     import pygame
@@ -31,31 +31,7 @@ FloatArray = NDArray[np.float64]
 
 HISTORY_GAP = 0.02  # s; a shorter control period leaves no denser history
 TRAIL_GAP = 3.0  # pixels between the points of a trail that are drawn
-COILS, COIL_POINTS = 10, 12
 STEEPEST = 85.0  # degrees, up or down
-
-
-def _coil() -> tuple[FloatArray, NDArray[np.bool_]]:
-    """How far along, to the side and to the front each point of a coil is, shape (n, 3), and which parts are in front.
-
-    It begins and ends on the axis.
-    """
-    share = np.linspace(0.0, 1.0, COILS * COIL_POINTS + 1)
-    turn = 2.0 * math.pi * COILS * share
-    radius = np.clip(9.0 * np.minimum(share, 1.0 - share), 0.0, 1.0)
-    front = np.cos((turn[1:] + turn[:-1]) / 2) > 0.0
-    return np.column_stack([share, radius * np.sin(turn), radius * np.cos(turn)]), front
-
-
-def _faces() -> FloatArray:
-    """Corners of a cube's faces on the positive side of x, y and z, shape (3, 4, 3), from -1 to 1."""
-    square = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
-    return np.stack([np.insert(square, axis, 1.0, axis=1) for axis in range(3)])
-
-
-COIL, FRONT = _coil()
-FACES = _faces()
-DISC = np.array([[math.cos(turn), math.sin(turn), 0.0] for turn in np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)])
 
 
 class Renderer:
@@ -187,11 +163,11 @@ class Renderer:
             size=(self._width, self._height),
         )
         self._draw_ground(scene)
-        self._draw_shadows(scene)
+        draw_shadows(self._canvas, scene)
         self._draw_trails(scene)
-        self._draw_task(scene)
-        self._draw_bodies(scene)
-        self._draw_force(scene)
+        draw_task(self._canvas, scene, self._scenario)
+        draw_bodies(self._canvas, scene, self._balls, carriage=self._scenario.task.actuated)
+        draw_force(self._canvas, scene, self._scenario)
         draw_strip(self._canvas, self._history)
         write(
             self._canvas,
@@ -241,19 +217,6 @@ class Renderer:
             self._kept_view = scene.view
         self._view = scene.view
 
-    def _draw_shadows(self, scene: Scene) -> None:
-        """On the ground: they show how near the bodies are."""
-        feet = scene.bodies.copy()
-        feet[:, 2] = scene.floor
-        discs = feet[1:, None] + scene.sizes[1:, None, None] * DISC
-        pixels = scene.project(np.concatenate([feet, discs.reshape(-1, 3)]))[0]
-        ends = pixels[:3].tolist()
-        for number, k in enumerate((scene.parameters.k1, scene.parameters.k2)):
-            if k > 0.0:
-                self._canvas.lines([SHADOW], ends[number : number + 1], ends[number + 1 : number + 2], 2.0)
-        for disc in pixels[3:].reshape(2, -1, 2).tolist():
-            self._canvas.shape(SHADOW, disc)
-
     def _draw_trails(self, scene: Scene) -> None:
         age = self._history[-1, 0] - self._history[:, 0]
         rows, age = self._history[age <= self._trail], age[age <= self._trail]
@@ -267,91 +230,6 @@ class Renderer:
             path, shares = path[drawn], opacity[drawn[1:]]
             points = path.tolist()
             self._canvas.lines(self._canvas.over(colour, path[1:, 1], shares), points[:-1], points[1:], 2.0)
-
-    def _draw_task(self, scene: Scene) -> None:
-        """The rails along which the anchor may move, and rings where the masses are wanted."""
-        canvas, unit = self._canvas, self._canvas.unit
-        axes = self._scenario.actuated_axes
-        if axes:
-            ends = np.tile(scene.bodies[0], (len(axes), 2, 1))
-            for number, axis in enumerate(axes):
-                ends[number, :, physics.AXES.index(axis)] = -self._scenario.anchor_travel, self._scenario.anchor_travel
-            near = scene.near(ends).reshape(-1, 2).max(axis=1)
-            pixels = scene.project(ends)[0].reshape(-1, 2, 2)
-            rails = canvas.over(ANCHOR, pixels[:, 1, 1], [0.3] * len(axes))
-            for axis, nearness, rail, (start, end) in zip(axes, near.tolist(), rails, pixels.tolist(), strict=True):
-                if nearness < 0.8 * scene.distance:
-                    canvas.lines([rail], [start], [end])
-                    for x, y in (start, end):
-                        canvas.circle(rail, x, y, 3.0 * unit)
-                    canvas.text(axis, end[0] + 6.0 * unit, end[1] - 6.0 * unit, DIM)
-        if 0.0 in (scene.parameters.k1, scene.parameters.k2):
-            return  # no place of rest
-        places, scale = scene.project(scene.targets)
-        radii, width = 1.45 * scale * scene.sizes[1:], max(1, round(1.5 * unit))
-        for (across, down), radius, colour in zip(places.tolist(), radii.tolist(), MASSES, strict=True):
-            canvas.circle(canvas.over(colour, down, 0.55)[0], across, down, max(radius, 6.0 * unit), width)
-
-    def _draw_bodies(self, scene: Scene) -> None:
-        """Anchor, springs and masses, the farthest first."""
-        p, near = scene.parameters, scene.near(scene.bodies)
-        parts: list[tuple[float, Callable[[], None]]] = [(near[0], partial(self._draw_anchor, scene))]
-        parts += [(near[mass], partial(self._draw_mass, scene, mass)) for mass in (1, 2)]
-        for end, k, L in ((1, p.k1, p.L1), (2, p.k2, p.L2)):
-            if k > 0.0:
-                parts.append(((near[end - 1] + near[end]) / 2, partial(self._draw_spring, scene, end, k, L)))
-        for _, draw in sorted(parts, key=lambda part: part[0]):
-            draw()
-
-    def _draw_force(self, scene: Scene) -> None:
-        """An arrow, a third as long as the pendulum for an axis's greatest force."""
-        tip = scene.bodies[0] + 0.35 * scene.reach / self._scenario.max_force * scene.force
-        start, end = scene.project([scene.bodies[0], tip])[0]
-        length = math.dist(start, end)
-        if length < 3.0:
-            return
-        head = (end - start) / length * min(12.0 * self._canvas.unit, length)
-        side = 0.45 * np.array([-head[1], head[0]])
-        self._canvas.lines([FORCE], [start.tolist()], [(end - 0.7 * head).tolist()], 3.0)
-        self._canvas.shape(FORCE, [end.tolist(), (end - head + side).tolist(), (end - head - side).tolist()])
-
-    def _draw_anchor(self, scene: Scene) -> None:
-        """A carriage where a force moves it, a plate where it is held."""
-        form = [1.0, 1.0, 1.0] if self._scenario.task.actuated else [2.2, 2.2, 0.25]
-        seen = FACES.copy()
-        for axis in range(3):
-            seen[axis, :, axis] = math.copysign(1.0, scene.axes[2, axis])  # the face on the side of the eye
-        faces = scene.project(scene.bodies[0] + scene.sizes[0] * np.array(form) * seen)[0].reshape(3, 4, 2)
-        for face, light in zip(faces.tolist(), (0.6, 0.45, 0.95), strict=True):
-            self._canvas.shape(mix(SKY, ANCHOR, light), face)
-
-    def _draw_mass(self, scene: Scene, mass: int) -> None:
-        pixels, scale = scene.project(scene.bodies[mass])
-        side = 2.0 * max(scene.sizes[mass] * float(scale[0]), 4.0 * self._canvas.unit)
-        x, y = pixels[0].tolist()
-        self._canvas.stamp(self._balls[mass - 1], x, y, side)
-
-    def _draw_spring(self, scene: Scene, end: int, k: float, L: float) -> None:
-        """A coil that gets thinner with its length and takes its colour from its tension."""
-        along = scene.bodies[end] - scene.bodies[end - 1]
-        dx, dy, dz = along.tolist()
-        length = physics.length(dx, dy, dz)
-        if length == 0.0:
-            return
-        direction = along / length
-        colour = tension_colour(tension_share(scene.parameters, along, k, L))
-        slimness = min(max(L / length, 0.3), 1.4)
-        side = cross(direction, scene.axes[2])
-        aside = physics.length(*side.tolist())
-        side = side / aside if aside > 1e-9 else scene.axes[0]
-        first, last = (min(0.85 * size, 0.4 * length) for size in scene.sizes[end - 1 : end + 1].tolist())
-        radius = 0.048 * scene.reach * slimness
-        frame = np.stack([(length - first - last) * direction, radius * side, radius * cross(side, direction)])
-        pixels, scale = scene.project(scene.bodies[end - 1] + first * direction + COIL @ frame)
-        width = min(0.013 * scene.reach * float(scale.mean()) / self._canvas.unit * slimness**0.5, 5.0)
-        for half, shade in ((~FRONT, mix(SKY, colour, 0.5)), (FRONT, colour)):
-            starts, ends = pixels[:-1][half].tolist(), pixels[1:][half].tolist()
-            self._canvas.lines([shade] * len(starts), starts, ends, width)
 
     def _open(self) -> pygame.Surface:
         try:
