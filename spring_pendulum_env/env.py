@@ -153,8 +153,12 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self._parameters = self.scenario.parameters
         self._constants: dict[str, float] = self._parameters.as_dict()
         self._cell = np.zeros(layout.CELL)
-        self._cell[layout.CELL_SETTINGS :] = layout.settings_of(self.scenario)
+        self._cell[layout.CELL_SETTINGS : layout.SPREAD] = layout.settings_of(self.scenario)
+        self._cell[layout.SPREAD : layout.NOISE] = self.scenario.spread
         self._template = layout.template(self.scenario, self.scenario.parameters)
+        self._usual_start = self._template.copy()
+        self._usual_start[layout.STATE : layout.STATE + 18] = self.scenario.start
+        self._usual_start[layout.FRESH] = layout.DISPLACED
         self._action_shape = self.action_space.shape
         self._no_action = np.zeros(self._action_shape)
         self._places = [self.scenario.actuated_axes.find(axis) for axis in AXES]  # of x, y and z in an action; -1: none
@@ -166,6 +170,8 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
 
     def _look_into_cell(self) -> None:
         """Sets the views into `_cell` through which this environment sees its pendulum."""
+        self._fields = self._cell[: layout.FIELDS]
+        self._noise = self._cell[layout.NOISE :]
         self._full_state = self._cell[layout.STATE : layout.STATE + 18]
         # A copy of what the observation shows: of all, or of the numbers of the two masses.
         self._observe = self._full_state.copy
@@ -188,6 +194,8 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
     def __getstate__(self) -> dict[str, Any]:
         """All but the window, the compiled step and the views, which would be copied apart from what they show."""
         views = (
+            "_fields",
+            "_noise",
             "_full_state",
             "_observe",
             "_force",
@@ -230,10 +238,15 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             FloatingPointError: the energy at the start is beyond the range of floating-point numbers.
         """
         super().reset(seed=seed)
-        parameters, state = self.scenario.draw(self.np_random, options)
-        usual = parameters is self.scenario.parameters
-        self._cell[: layout.FIELDS] = self._template if usual else layout.template(self.scenario, parameters)
-        self._full_state[:] = state
+        parameters = self.scenario.parameters
+        if options is None and not self.scenario.randomise:  # as most episodes begin, and the quickest
+            self.np_random.standard_normal(out=self._noise)
+            self._fields[:] = self._usual_start
+        else:
+            parameters, state = self.scenario.draw(self.np_random, options)
+            usual = parameters is self.scenario.parameters
+            self._fields[:] = self._template if usual else layout.template(self.scenario, parameters)
+            self._full_state[:] = state
         if parameters is not self._parameters:
             self._parameters = parameters
             self._constants = parameters.as_dict()

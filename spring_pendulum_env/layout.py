@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from spring_pendulum_env import integrators, physics, tasks
 from spring_pendulum_env.equilibria import unchecked_energy, vertical_state
 from spring_pendulum_env.physics import Parameters
-from spring_pendulum_env.scenario import Scenario
+from spring_pendulum_env.scenario import START_NUMBERS, Scenario
 
 FloatArray = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ WORK = 20
 DISSIPATED = 21
 FORCE = 22  # 3, newtons
 STATUS = 25  # what went wrong in the step
-FRESH = 26  # 1 where it was just placed: the next step only reports it
+FRESH = 26  # 1 where it was just placed: the next step only reports it; DISPLACED in a cell
 # ... then what stays as long as an episode.
 PHYSICS = 27  # 11: Parameters.constants()
 DRAG = 38  # 3: Parameters.drag_rates()
@@ -85,7 +85,10 @@ SETTINGS = ALIKE + 1
 
 KEPT = BUFFER  # 18: in a cell, the state before the step
 CELL_SETTINGS = KEPT + 18
-CELL = CELL_SETTINGS + SETTINGS
+SPREAD = CELL_SETTINGS + SETTINGS  # START_NUMBERS: standard deviations of the start ...
+NOISE = SPREAD + START_NUMBERS  # ... and as many normal numbers, by which one that is FRESH is displaced if it is
+DISPLACED = 2.0  # instead of 1
+CELL = NOISE + START_NUMBERS
 
 
 def settings_of(scenario: Scenario, time_limit: float = math.inf) -> FloatArray:

@@ -247,8 +247,6 @@ class Scenario:
         Raises:
             ValueError: an unknown option, or a wrong state or parameter in the options.
         """
-        if options is None and not self.randomise:  # as most episodes begin, and the quickest
-            return self.parameters, self.start_from(self.start, random.standard_normal(START_NUMBERS))
         options = {} if options is None else options
         if not isinstance(options, Mapping):
             raise ValueError(f"options = {options!r}: must be a mapping of 'state' and 'parameters', or None")

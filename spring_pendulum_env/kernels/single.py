@@ -9,6 +9,8 @@ from typing import Any
 import numba
 import numpy as np
 
+from spring_pendulum_env import tasks
+from spring_pendulum_env.equilibria import BODY_STATE
 from spring_pendulum_env.integrators import FINEST, REFINEMENT
 from spring_pendulum_env.jit import DISABLED, compiled, compiled_entry
 from spring_pendulum_env.kernels.lanes import floats_at, one_at
@@ -17,6 +19,7 @@ from spring_pendulum_env.kernels.splitting import split, split_with_drag
 from spring_pendulum_env.layout import (
     BAD_ACTION,
     CELL_SETTINGS,
+    DISPLACED,
     ENDED,
     ENERGY,
     ERROR,
@@ -28,14 +31,17 @@ from spring_pendulum_env.layout import (
     LOST_TO_DRAG,
     MAX_FORCE,
     MOVED,
+    NOISE,
     PERIOD,
     REWARD,
+    SPREAD,
     STATUS,
     TERMS,
     TIME,
     UNFINISHED,
     WORK_DONE,
 )
+from spring_pendulum_env.scenario import START_NUMBERS
 
 SETTINGS_AT = 8.0 * CELL_SETTINGS
 """Where the settings begin in a cell, bytes."""
@@ -43,7 +49,13 @@ SETTINGS_AT = 8.0 * CELL_SETTINGS
 
 @compiled
 def enter(b, x, y, z):
-    """The force of the action, none for a pendulum that was just placed; keeps the state."""
+    """The force of the action, none for a pendulum that was just placed, which may have to be displaced; keeps the
+    state."""
+    if b[FRESH, 0] == DISPLACED:
+        for i in range(START_NUMBERS):
+            place = BODY_STATE[i]
+            b[place, 0] = tasks.displaced(b[place, 0], b[SPREAD + i, 0], b[NOISE + i, 0])
+        b[FRESH, 0] = 1.0
     scale = b[CELL_SETTINGS + MAX_FORCE, 0] if b[FRESH, 0] == 0.0 else 0.0
     b[FORCE, 0] = scale * min(max(x, -1.0), 1.0)
     b[FORCE + 1, 0] = scale * min(max(y, -1.0), 1.0)
