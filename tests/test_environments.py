@@ -153,6 +153,15 @@ def test_randomise_draws_within_its_range_at_each_reset() -> None:
     assert swapped.reset(seed=0)[1]["parameters"] == drawn[0]
 
 
+@pytest.mark.parametrize("name", IDS)
+def test_start_is_the_same_with_and_without_options(name: str) -> None:
+    """The usual start is displaced by the compiled step, others are by NumPy."""
+    compiled, other = gym.make(name), gym.make(name)
+    for seed in range(50):
+        np.testing.assert_array_equal(compiled.reset(seed=seed)[0], other.reset(seed=seed, options={})[0])
+        np.testing.assert_array_equal(compiled.reset()[0], other.reset(options={})[0])
+
+
 @pytest.mark.parametrize(
     ("name", "displacement", "velocity"),
     [(PASSIVE, 0.4, 1.0), (DAMPING, 0.4, 1.0), (STABILISATION, 0.05, 0.05), (SWING_UP, 0.05, 0.05)],
