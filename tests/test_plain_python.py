@@ -52,6 +52,9 @@ for name, task in spring_pendulum_env.TASKS.items():
         seen[f"{name} {tolerance}"] = [float(number) for number in numbers]
 block = gym.make_vec("SpringPendulumDamping-v0", num_envs=65)  # a whole block, and rows that the compiled loop places
 seen["block"] = [*map(float, block.reset(seed=1)[0].ravel()), *map(float, block.step(np.zeros((65, 3)))[0].ravel())]
+alone = gym.make("SpringPendulumDamping-v0")  # without drag, whose step is one of its own
+starts = [alone.reset(seed=1)[0], alone.reset(options={"state": close})[0]]
+seen["alone"] = [*map(float, np.ravel([*starts, alone.step(np.full(3, 0.3))[0]]))]
 print(json.dumps(seen))
 """
 
