@@ -255,7 +255,11 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self._advance = self._compiled_step
         if self._renderer is not None:
             self._renderer.forget()
-        observation, _, _, _, info = SpringPendulumEnv.step(self, self._no_action)  # which only reports a new start
+        try:
+            observation, _, _, _, info = SpringPendulumEnv.step(self, self._no_action)  # which only reports a new start
+        except FloatingPointError:
+            self._started, self._advance = False, _before_reset
+            raise
         return observation, info
 
     def step(self, action: Any) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
@@ -276,6 +280,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         """
         try:
             x, y, z = self._numbers_of(action)
+            x - y - z  # which text can't, though the compiled step would read a number from it
             told = self._advance(self._address, x, y, z)
         except (TypeError, ValueError, OverflowError):
             told = self._advance(self._address, *self._checked_action(action))

@@ -517,3 +517,22 @@ def test_close_may_be_called_twice(env: gym.Env[Any, Any]) -> None:
     env.reset(seed=0)
     env.close()
     env.close()
+
+
+@pytest.mark.parametrize("text", [np.array(["0.1", "0", "1"]), np.array([b"0.1", b"0", b"1"]), ["0.1", "0", "1"],
+                                  np.array([0.1, 0.0, "1"], dtype=object)])  # fmt: skip
+def test_text_is_no_action(text: Any) -> None:
+    env = gym.make(DAMPING, disable_env_checker=True)
+    env.reset(seed=0)
+    before = env.unwrapped.state
+    with pytest.raises(ValueError, match="action"):
+        env.step(text)
+    np.testing.assert_array_equal(env.unwrapped.state, before)
+
+
+def test_step_after_a_reset_that_failed_asks_for_another() -> None:
+    for env in (gym.make(DAMPING, start_scale=1e160), gym.make_vec(DAMPING, num_envs=2, start_scale=1e160)):
+        with pytest.raises(FloatingPointError):
+            env.reset(seed=0)
+        with pytest.raises(gym.error.ResetNeeded):
+            env.step(env.action_space.sample())

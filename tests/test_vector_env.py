@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import multiprocessing
 import pickle
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -388,3 +389,17 @@ def test_a_batch_gives_up_with_its_first_pendulum_that_takes_too_many_steps() ->
         env.step(np.zeros((100, *env.single_action_space.shape)))  # type: ignore[misc]
     after = env.unwrapped.states  # type: ignore[attr-defined]
     assert (after[1:] == before[1:]).all()
+
+
+def test_huge_actions_are_clipped_without_a_warning() -> None:
+    first, second = (gym.make_vec(DAMPING, num_envs=70) for _ in range(2))
+    first.reset(seed=0)
+    second.reset(seed=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        huge = first.step(np.full((70, 3), 1.7e308))[0]
+    np.testing.assert_array_equal(huge, second.step(np.ones((70, 3)))[0])
+
+
+def test_number_of_rows_may_be_of_any_integer_type() -> None:
+    assert gym.make_vec(DAMPING, num_envs=np.int8(2)).reset(seed=0)[0].shape == (2, 18)
