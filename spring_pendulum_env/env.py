@@ -280,8 +280,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         """
         try:
             x, y, z = self._numbers_of(action)
-            x - y - z  # which text can't, though the compiled step would read a number from it
-            told = self._advance(self._address, x, y, z)
+            told = self._advance(self._address, +x, +y, +z)  # text, of which it would read a number, has no plus
         except (TypeError, ValueError, OverflowError):
             told = self._advance(self._address, *self._checked_action(action))
         if told[0]:  # not layout.FINE, which would take time to look up
