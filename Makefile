@@ -134,7 +134,7 @@ coverage: $(TRUST)
 audit: $(TRUST)
 	@mkdir -p build
 	grep -v '^pillow==' constraints.txt > build/audited.txt
-	$(BIN)/pip-audit --strict --disable-pip --no-deps --requirement build/audited.txt
+	$(BIN)/pip-audit --strict --disable-pip --no-deps --requirement build/audited.txt $(AUDIT)
 
 clean:
 	rm -rf $(VENV) $(BENCH_VENV) $(ZOO_VENV) $(RAY_VENV) build dist site .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage*
