@@ -187,6 +187,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self._advance = self._compiled_step if self._started else _before_reset
 
     def _step_of_this_episode(self) -> single.Advance:
+        """By the scheme, and with drag only where there is some."""
         if self.scenario.tolerance is not None:
             return _adaptive_step()
         return single.entry(single.advance_with_drag if any(self._parameters.drag_rates()) else single.advance)
@@ -280,7 +281,9 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         """
         try:
             x, y, z = self._numbers_of(action)
-            told = self._advance(self._address, +x, +y, +z)  # text, of which it would read a number, has no plus
+            if type(x) is not float:  # bytes, dates and the like, of which some would pass for integers
+                raise TypeError
+            told = self._advance(self._address, x, +y, +z)  # text, of which it would read a number, has no plus
         except (TypeError, ValueError, OverflowError):
             told = self._advance(self._address, *self._checked_action(action))
         if told[0]:  # not layout.FINE, which would take time to look up

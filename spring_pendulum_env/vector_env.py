@@ -122,7 +122,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self._look_for_unusual()
         self._shown_constants: dict[str, FloatArray | BoolArray] | None = None
         self._no_actions = np.zeros((num_envs, len(self.scenario.actuated_axes)))
-        self._tiny = np.full(self._no_actions.size, 1e-290)
+        self._tiny = np.full(self._no_actions.size, 1e-290)  # of whose products with finite actions none is infinite
         self._all = _read_only(np.ones(num_envs, dtype=np.bool_))
         self._ended: BoolArray = np.zeros(num_envs, dtype=np.bool_)
         self._started = False

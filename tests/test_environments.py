@@ -520,7 +520,8 @@ def test_close_may_be_called_twice(env: gym.Env[Any, Any]) -> None:
 
 
 @pytest.mark.parametrize("text", [np.array(["0.1", "0", "1"]), np.array([b"0.1", b"0", b"1"]), ["0.1", "0", "1"],
-                                  np.array([0.1, 0.0, "1"], dtype=object)])  # fmt: skip
+                                  np.array([0.1, 0.0, "1"], dtype=object), np.array(b"0.0"),
+                                  np.array(["0000-12-31"] * 3, dtype="M8[s]")])  # fmt: skip
 def test_text_is_no_action(text: Any) -> None:
     env = gym.make(DAMPING, disable_env_checker=True)
     env.reset(seed=0)
@@ -536,3 +537,11 @@ def test_step_after_a_reset_that_failed_asks_for_another() -> None:
             env.reset(seed=0)
         with pytest.raises(gym.error.ResetNeeded):
             env.step(env.action_space.sample())
+
+
+def test_huge_action_is_clipped() -> None:
+    """Even if the sum of its numbers is beyond the range."""
+    first, second = gym.make(DAMPING), gym.make(DAMPING)
+    first.reset(seed=0)
+    second.reset(seed=0)
+    np.testing.assert_array_equal(first.step(np.full(3, 1.7e308))[0], second.step(np.ones(3))[0])

@@ -31,7 +31,7 @@ from spring_pendulum_env.layout import (
 def _advance_adaptively(address, x, y, z):
     """As `_advance`, by the adaptive scheme; never UNFINISHED."""
     b = one_at(address)
-    if not math.isfinite(x + y + z):
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         return told(b, np.int64(BAD_ACTION))
     one = np.int64(1)
     enter(b, x, y, z)

@@ -119,7 +119,7 @@ def _advance(address, x, y, z):
         STATUS; time, energy, excess energy, energy error, work, dissipated; reward, whether it ended; the reward terms.
     """
     b = one_at(address)
-    if not math.isfinite(x + y + z):
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         return told(b, np.int64(BAD_ACTION))
     one = np.int64(1)  # of a plain 1 numba would compile what is handed it a second time
     refinement = one
@@ -138,7 +138,7 @@ def _advance(address, x, y, z):
 def _advance_with_drag(address, x, y, z):
     """As `_advance`, with drag. It repeats its lines: numba can't cache a function that is handed the scheme."""
     b = one_at(address)
-    if not math.isfinite(x + y + z):
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         return told(b, np.int64(BAD_ACTION))
     one = np.int64(1)
     refinement = one
