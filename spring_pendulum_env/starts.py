@@ -47,9 +47,10 @@ class Starts:
             self._generators[row], _ = seeding.np_random(seed)
             self.taken[row] = self._size
 
-    def prepare(self, rows: NDArray[np.intp]) -> None:
-        """Draws for those of some rows of whose starts none is left."""
-        for row in rows[self.taken[rows] == self._size].tolist():
+    def prepare(self, rows: NDArray[np.intp] | None = None) -> None:
+        """Draws for those of some rows, or of all, of whose starts none is left."""
+        empty = self.taken == self._size
+        for row in (empty.nonzero()[0] if rows is None else rows[empty[rows]]).tolist():
             self._generator(row).standard_normal(out=self.numbers[row])
             self.taken[row] = 0
 

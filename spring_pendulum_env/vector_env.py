@@ -29,6 +29,8 @@ from spring_pendulum_env.tasks import REWARD_TERMS, task_named
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+BOOL = np.dtype(np.bool_)  # of which an array is made faster than of the type
+
 # Names of the infos that are numbers, and where each stands among the outcomes of a step.
 _NUMBERS = {
     "time": layout.TIME,
@@ -117,6 +119,8 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         terms = terms if self.scenario.task.actuated else {}
         self._numbers = [(name, f"_{name}", place - layout.FIELDS) for name, place in (_NUMBERS | terms).items()]
         self._starts = Starts(num_envs, ahead=not self.scenario.randomise)
+        self._usual_start = np.concatenate([self._template, self.scenario.spread])
+        self._usual_start[layout.STATE : layout.STATE + 18] = self.scenario.start
         self._constants = {name: np.full(num_envs, value) for name, value in self.scenario.parameters.as_dict().items()}
         self._unusual: BoolArray = np.zeros(num_envs, dtype=np.bool_)  # rows whose constants are drawn or set
         self._look_for_unusual()
@@ -126,6 +130,13 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self._all = _read_only(np.ones(num_envs, dtype=np.bool_))
         self._ended: BoolArray = np.zeros(num_envs, dtype=np.bool_)
         self._started = False
+        # Whether rows that end start anew as usual, in the next step, by the splitting; and whether each has a start.
+        self._usual_restarts = (
+            self.autoreset_mode == AutoresetMode.NEXT_STEP
+            and self.scenario.tolerance is None
+            and not self.scenario.randomise
+        )
+        self._starts_ready = False
 
     @property
     def states(self) -> FloatArray:
@@ -159,13 +170,13 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         for row in rows.tolist():
             self._starts.seed(row, seeds[row])
         self._place(rows, options)
+        self._ended[rows] = False
         results = _Results.empty(self.num_envs, self.scenario.state_size)
         self._report_placed(rows, results)
         if rows.size < self.num_envs:
             others = ~chosen
             results.observations[others] = self._observed(self.states[others])
         self._started = True
-        self._ended[rows] = False
         return results.observations, self._infos(results, chosen)
 
     def step(self, actions: Any) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
@@ -185,12 +196,8 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         if not self._started:
             raise gym.error.ResetNeeded("step called before reset: call reset first")
         numbers = self._checked_actions(actions)
-        restarted = self._ended.nonzero()[0]
-        if restarted.size:
-            if self.autoreset_mode == AutoresetMode.DISABLED:
-                raise gym.error.ResetNeeded(f"rows {_some(restarted)} have ended: reset them with a reset_mask first")
-            self._place(restarted, {})
-            self._ended[restarted] = False
+        if not self._restarts_compiled():
+            self._restart()
 
         results = _Results.empty(self.num_envs, self.scenario.state_size)
         self._advance(numbers, results)
@@ -206,6 +213,24 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             self._report_placed(last, results)
             return results.observations, rewards, terminated, truncated, infos | self._infos(results, self._all)
         return results.observations, rewards, terminated, truncated, self._infos(results, self._all)
+
+    def _restarts_compiled(self) -> bool:
+        """Whether the compiled step may place the rows that have ended; it has starts for all of them then."""
+        if self._any_unusual or self._renderers or not self._usual_restarts:
+            return False
+        if not self._starts_ready:
+            self._starts.prepare()
+            self._starts_ready = True
+        return True
+
+    def _restart(self) -> None:
+        """Places the rows that have ended."""
+        restarted = self._ended.nonzero()[0]
+        if restarted.size:
+            if self.autoreset_mode == AutoresetMode.DISABLED:
+                raise gym.error.ResetNeeded(f"rows {_some(restarted)} have ended: reset them with a reset_mask first")
+            self._place(restarted, {})
+            self._ended[restarted] = False
 
     def get_state(self) -> dict[str, NDArray[Any]]:
         """All that what comes depends on, as arrays of numbers: pendulums, parameters, clocks and random numbers."""
@@ -234,6 +259,10 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
                     f"state: {name} is {values.dtype} of shape {values.shape}: "
                     f"must be {own[name].dtype} of shape {own[name].shape}"
                 )
+        if given["started"] and not given["starts.generators"].any():
+            raise ValueError(
+                "state: started, but starts.generators are all zero: must be those of a random number generator"
+            )
         self._starts.set_state({name: given[f"starts.{name}"] for name in self._starts.get_state()})
         self._rows[:] = given["rows"]
         self._started, self._ended, self._unusual = bool(given["started"]), given["ended"], given["unusual"]
@@ -241,6 +270,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self._shown_constants = None
         for name, values in self._constants.items():
             values[:] = given[f"parameters.{name}"]
+        self._starts_ready = False
         for renderer in self._renderers.values():
             renderer.forget()
 
@@ -266,11 +296,11 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
 
     def _place(self, rows: NDArray[np.intp], options: Mapping[str, Any]) -> None:
         """Gives rows new episodes; all of them are drawn before the first is placed, so an error changes no row."""
+        self._starts_ready = False
         usual = not options and not self.scenario.randomise  # this is to cost little
         if usual:
             self._starts.prepare(rows)
-            start = (self.scenario.start, self.scenario.spread, self._starts.numbers, self._starts.taken)
-            batch.place(self._rows, rows, self._template, *start)
+            batch.place(self._rows, rows, self._usual_start, self._starts.numbers, self._starts.taken)
             drawn = [self.scenario.parameters] * rows.size if self._any_unusual else []
         else:
             episodes = [
@@ -341,7 +371,10 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         arguments = (self._settings, actions, *results)
         if self.scenario.tolerance is not None:
             return int(_adaptive_step()(self._rows, rows, *arguments))
-        status = int(batch.step_batch(self._rows, rows, *arguments))
+        start = (self._ended, self._usual_start, self._starts.numbers, self._starts.taken)
+        status, emptied = batch.step_batch(self._rows, rows, *start, *arguments)
+        if emptied:
+            self._starts_ready = False
         if status == layout.UNFINISHED:
             left = rows[self._statuses()[rows] == layout.UNFINISHED]
             _adaptive_step()(self._rows, left, *arguments)
@@ -485,8 +518,8 @@ class _Results(NamedTuple):
             np.empty((layout.OUTCOMES, num_envs)),
             np.empty((num_envs, 3)),
             np.empty(num_envs),
-            np.empty(num_envs, dtype=np.bool_),
-            np.empty(num_envs, dtype=np.bool_),
+            np.empty(num_envs, dtype=BOOL),
+            np.empty(num_envs, dtype=BOOL),
         )
 
 

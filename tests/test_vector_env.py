@@ -16,6 +16,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import NormalizeObservation, NormalizeReward, RecordEpisodeStatistics
 
 import spring_pendulum_env
+from spring_pendulum_env.starts import MOST_AHEAD
 from spring_pendulum_env.tasks import TASKS
 
 IDS = list(TASKS)
@@ -104,14 +105,20 @@ def test_guard_was_met_in_these_comparisons() -> None:
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_starts_drawn_ahead_are_those_of_single_environments(mode: AutoresetMode) -> None:
     """Without randomised parameters the rows' random numbers are drawn some starts ahead."""
-    ours = gym.make_vec(DAMPING, num_envs=70, autoreset_mode=mode, max_episode_steps=4)
-    theirs = SyncVectorEnv([lambda: gym.make(DAMPING, max_episode_steps=4)] * 70, autoreset_mode=mode)
-    assert compare(ours, theirs, 60) >= 700
+    ours = gym.make_vec(DAMPING, num_envs=70, autoreset_mode=mode, max_episode_steps=2)
+    theirs = SyncVectorEnv([lambda: gym.make(DAMPING, max_episode_steps=2)] * 70, autoreset_mode=mode)
+    assert compare(ours, theirs, 60) >= 70 * (MOST_AHEAD + 2)
     state = {"state": np.zeros(18)}  # a start that takes no random numbers, then one that goes on with them
     for options in (state, None, {"parameters": {"m2": 2.0}}, None):
         ours_again = ours.reset(options=options)[0]
         singles = [env.reset(options=options)[0] for env in theirs.envs]
         assert ours_again.tobytes() == np.array(singles).tobytes()
+    if mode != AutoresetMode.DISABLED:
+        theirs.reset(options=state)  # after which the environment of environments knows that none has ended
+        ours.reset(options=state)
+        for _ in range(3 * MOST_AHEAD + 6):
+            for one, other in zip(*(env.step(np.zeros((70, 3))) for env in (ours, theirs)), strict=True):
+                assert_same_bits(one, other)
 
 
 def test_rows_beyond_the_splitting_equal_single_environments() -> None:
@@ -365,6 +372,7 @@ def test_goes_on_from_a_state_that_was_taken(randomise: dict[str, tuple[float, f
         ({"ended": np.zeros(3)}, "ended is float64"),
         ({"more": np.zeros(3)}, "more missing or unknown"),
         ({"starts.generators": np.full((3, 6), 2)}, "PCG64"),
+        ({"starts.generators": np.zeros((3, 6), dtype=np.int64)}, "generators"),
         ({"starts.taken": np.full(3, 1000)}, "starts taken"),
     ],
 )

@@ -15,7 +15,7 @@ try:
     from spring_pendulum_env import tasks
     from spring_pendulum_env.kernels.batch import step_batch
     from spring_pendulum_env.layout import FIELDS, OUTCOMES, WIDTH, fill, settings_of, steps_in, template
-    from spring_pendulum_env.scenario import Scenario
+    from spring_pendulum_env.scenario import START_NUMBERS, Scenario
 except ImportError as error:
     MISSING = f"the package's inside has changed ({error})"
 
@@ -64,4 +64,6 @@ def stepping(rows: FloatArray, settings: FloatArray, size: int) -> Callable[[], 
         np.empty(size, dtype=np.bool_),
         np.empty(size, dtype=np.bool_),
     )
-    return partial(step_batch, rows, np.arange(size), settings, actions, *outputs)
+    nobody = np.zeros(size, dtype=np.bool_)  # has ended, so no start is needed
+    starts = np.empty(FIELDS + START_NUMBERS), np.empty((size, 1, START_NUMBERS)), np.zeros(size, dtype=np.int64)
+    return partial(step_batch, rows, np.arange(size), nobody, *starts, settings, actions, *outputs)

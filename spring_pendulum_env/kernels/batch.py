@@ -197,44 +197,61 @@ def set_again(rows, indices, lanes, b):
                 b[i, j] = rows[indices[j] // WIDTH, i, indices[j] % WIDTH]
 
 
-def _place(rows, wanted, template, rest, spread, numbers, taken):
+@compiled
+def _start(rows, index, usual, numbers, taken):
+    """Gives a pendulum that is as usual the next of its starts; whether that was the last of those that were drawn."""
+    row = rows[index // WIDTH]
+    j = index % WIDTH
+    for i in range(FIELDS):
+        row[i, j] = usual[i]
+    for i in range(START_NUMBERS):
+        place = BODY_STATE[i]
+        row[place, j] = tasks.displaced(usual[place], usual[FIELDS + i], numbers[index, taken[index], i])
+    taken[index] += 1
+    return taken[index] == numbers.shape[1]
+
+
+def _place(rows, wanted, usual, numbers, taken):
     """Gives pendulums that are as usual the next of their starts.
 
     Args:
         rows: shape (blocks, FIELDS, WIDTH), written.
         wanted: which pendulums, shape (n,).
-        template: `layout.template` of them all, shape (FIELDS,).
-        rest, spread: the start's means, shape (18,), and standard deviations, shape (START_NUMBERS,).
+        usual: shape (FIELDS + START_NUMBERS,): the fields of each with its mean start, then the standard deviations.
         numbers, taken: as `starts.Starts` has them; one more is taken of each.
     """
     for index in wanted:
-        row = rows[index // WIDTH]
-        j = index % WIDTH
-        for i in range(FIELDS):
-            row[i, j] = template[i]
-        for i in range(18):
-            row[i, j] = rest[i]
-        for i in range(START_NUMBERS):
-            place = BODY_STATE[i]
-            row[place, j] = tasks.displaced(rest[place], spread[i], numbers[index, taken[index], i])
-        taken[index] += 1
+        _start(rows, index, usual, numbers, taken)
 
 
-def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces, rewards, terminated, truncated):
-    """One control period of many pendulums by the splitting, and their reports. Returns the largest STATUS.
+def _step_batch(
+    rows, wanted, ended, usual, numbers, taken,
+    settings, actions, observations, outcomes, forces, rewards, terminated, truncated,
+):  # fmt: skip
+    """One control period of many pendulums by the splitting, and their reports.
 
     Those that were just placed are only reported; those that are UNFINISHED haven't changed.
 
     Args:
         rows: shape (blocks, FIELDS, WIDTH), read and written.
         wanted: which pendulums, shape (n,).
+        ended: which of all are to be placed first, as `place` does; shape (pendulums,), of those false afterwards.
+        usual, numbers, taken: as those of `place`.
         settings: shape (SETTINGS,).
         actions: shape (pendulums, actuated axes), finite.
         observations: shape (pendulums, 12 or 18), written.
         outcomes: shape (OUTCOMES, pendulums), written: what a step reports.
         forces: shape (pendulums, 3), written.
         rewards, terminated, truncated: shape (pendulums,), written.
+
+    Returns:
+        The largest STATUS; whether no start is left to one of those that were placed.
     """
+    emptied = False
+    for index in wanted:
+        if ended[index]:
+            emptied |= _start(rows, index, usual, numbers, taken)
+            ended[index] = False
     buffer = np.empty((BUFFER, WIDTH))  # compiled code aligns it better than NumPy would
     b = many_in(buffer)
     indices = np.empty(WIDTH, dtype=np.int64)
@@ -287,7 +304,7 @@ def _step_batch(rows, wanted, settings, actions, observations, outcomes, forces,
             refinement *= REFINEMENT
             waiting = again if refinement <= FINEST else 0
     keep(buffer)
-    return worst
+    return worst, emptied
 
 
 place = compiled_entry(_place, nogil=False)
