@@ -5,7 +5,6 @@ from __future__ import annotations
 import concurrent.futures
 import itertools
 import math
-import operator
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Unpack
@@ -25,6 +24,15 @@ from spring_pendulum_env.physics import Parameters
 from spring_pendulum_env.scenario import Arguments, Scenario, real_numbers
 from spring_pendulum_env.starts import Starts
 from spring_pendulum_env.tasks import REWARD_TERMS, task_named
+from spring_pendulum_env.vector_arguments import (
+    checked_options,
+    mode_of,
+    of_row,
+    positive_integer,
+    rows_of,
+    seeds_of,
+    some,
+)
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -90,17 +98,17 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self._pool: concurrent.futures.ThreadPoolExecutor | None = None
         self._pool_process = 0
         self.scenario = Scenario.of(task_named(task), **arguments)
-        self.num_envs = num_envs = _positive_integer("num_envs", num_envs)
-        self.threads = _positive_integer("threads", threads)
+        self.num_envs = num_envs = positive_integer("num_envs", num_envs)
+        self.threads = positive_integer("threads", threads)
         self.max_episode_steps: float = np.inf
         if max_episode_steps is not None:
-            self.max_episode_steps = _positive_integer("max_episode_steps", max_episode_steps)
-        self.autoreset_mode = _mode(autoreset_mode)
+            self.max_episode_steps = positive_integer("max_episode_steps", max_episode_steps)
+        self.autoreset_mode = mode_of(autoreset_mode)
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = {render_mode!r}: must be None or 'rgb_array'")
         self.render_mode = render_mode
         self._render_options = checked_render_options(render_options)
-        self.render_rows = range(self.num_envs) if render_rows is None else _rows(render_rows, self.num_envs)
+        self.render_rows = range(self.num_envs) if render_rows is None else rows_of(render_rows, self.num_envs)
         self.metadata = {
             **self.metadata,
             "render_fps": max(1, round(1.0 / self.scenario.control_period)),
@@ -161,8 +169,8 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             ValueError: a wrong seed or option; nothing is reset then.
             ResetNeeded: a reset_mask before all rows were reset.
         """
-        seeds = _seeds(seed, self.num_envs)
-        options = self._checked_options(options)
+        seeds = seeds_of(seed, self.num_envs)
+        options = checked_options(options, self.num_envs, self.scenario.state_size)
         chosen = options.pop("reset_mask", self._all)
         if not self._started and not chosen.all():
             raise gym.error.ResetNeeded("reset with a reset_mask before all rows were reset: reset them all first")
@@ -228,7 +236,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         restarted = self._ended.nonzero()[0]
         if restarted.size:
             if self.autoreset_mode == AutoresetMode.DISABLED:
-                raise gym.error.ResetNeeded(f"rows {_some(restarted)} have ended: reset them with a reset_mask first")
+                raise gym.error.ResetNeeded(f"rows {some(restarted)} have ended: reset them with a reset_mask first")
             self._place(restarted, {})
             self._ended[restarted] = False
 
@@ -305,7 +313,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         else:
             episodes = [
                 self.scenario.draw(
-                    self._starts.row(row), {name: _of_row(name, value, row) for name, value in options.items()}
+                    self._starts.row(row), {name: of_row(name, value, row) for name, value in options.items()}
                 )
                 for row in rows.tolist()
             ]
@@ -371,6 +379,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         arguments = (self._settings, actions, *results)
         if self.scenario.tolerance is not None:
             return int(_adaptive_step()(self._rows, rows, *arguments))
+        status: int
         start = (self._ended, self._usual_start, self._starts.numbers, self._starts.taken)
         status, emptied = batch.step_batch(self._rows, rows, *start, *arguments)
         if emptied:
@@ -389,7 +398,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
     def _check(self, status: int) -> None:
         if status != layout.FINE:
             wrong = np.flatnonzero(self._statuses() == status)
-            raise FloatingPointError(f"rows {_some(wrong)}: {failure(status)}")
+            raise FloatingPointError(f"rows {some(wrong)}: {failure(status)}")
 
     def _checked_actions(self, actions: Any) -> FloatArray:
         shape = (self.num_envs, len(self.scenario.actuated_axes))
@@ -404,43 +413,8 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         if not math.isfinite(numbers.reshape(-1).dot(self._tiny)):  # costs a sixth of looking at each
             wrong = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
             if wrong.size:
-                raise ValueError(f"actions of rows {_some(wrong)}: must be finite")
+                raise ValueError(f"actions of rows {some(wrong)}: must be finite")
         return numbers
-
-    def _checked_options(self, options: Any) -> dict[str, Any]:
-        """The options with arrays whose length is right, scalars made into arrays of one number for each row."""
-        if options is None:
-            return {}
-        if not isinstance(options, Mapping):
-            raise ValueError(f"options = {options!r}: must be a mapping of 'state', 'parameters' and 'reset_mask'")
-        checked = dict(options)
-        if checked.get("reset_mask") is None:
-            checked.pop("reset_mask", None)
-        else:
-            mask = np.asarray(checked["reset_mask"])
-            if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
-                raise ValueError(
-                    f"reset_mask = {mask}: must be booleans of shape ({self.num_envs},), at least one of them true"
-                )
-            checked["reset_mask"] = mask
-        if checked.get("state") is not None:
-            try:
-                state = real_numbers(checked["state"])
-                checked["state"] = np.broadcast_to(state, (self.num_envs, self.scenario.state_size))
-            except (TypeError, ValueError, OverflowError):
-                size = self.scenario.state_size
-                raise ValueError(
-                    f"state = {checked['state']!r}: must be numbers of shape ({size},) or ({self.num_envs}, {size})"
-                ) from None
-        if isinstance(checked.get("parameters"), Parameters):
-            checked["parameters"] = checked["parameters"].as_dict()
-        if isinstance(checked.get("parameters"), Mapping):
-            for name, value in checked["parameters"].items():
-                if np.shape(value) not in ((), (self.num_envs,)):
-                    raise ValueError(
-                        f"parameter {name} of shape {np.shape(value)}: must be a number, or {self.num_envs} numbers"
-                    )
-        return checked
 
     def _infos(self, results: _Results, chosen: BoolArray) -> dict[str, Any]:
         """What the rows report, in Gymnasium's vector form; zero, and masked, in rows that aren't chosen."""
@@ -523,50 +497,6 @@ class _Results(NamedTuple):
         )
 
 
-def _positive_integer(name: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-        raise ValueError(f"{name} = {value!r}: must be an integer >= 1")
-    return int(value)
-
-
-def _rows(value: Any, num_envs: int) -> list[int]:
-    """`render_rows` as row numbers."""
-    try:
-        rows = [operator.index(row) for row in value]
-    except TypeError:
-        raise ValueError(f"render_rows = {value!r}: must be a sequence of row numbers") from None
-    for row in rows:
-        if not 0 <= row < num_envs:
-            raise ValueError(f"render_rows = {value!r}: {row} must be in 0 to {num_envs - 1}")
-    return rows
-
-
-def _mode(value: AutoresetMode | str) -> AutoresetMode:
-    for mode in AutoresetMode:
-        if isinstance(value, (str, AutoresetMode)) and value in (mode, mode.value, mode.name):
-            return mode
-    raise ValueError(f"autoreset_mode = {value!r}: must be one of {', '.join(mode.name for mode in AutoresetMode)}")
-
-
-def _seeds(seed: int | Sequence[int | None] | None, num_envs: int) -> list[int | None]:
-    if seed is None:
-        return [None] * num_envs
-    try:
-        if np.ndim(seed) == 0:  # type: ignore[arg-type]
-            first = operator.index(seed)  # type: ignore[arg-type]
-            seeds: list[int | None] = [first + row for row in range(num_envs)]
-        else:
-            seeds = [None if one is None else operator.index(one) for one in seed]  # type: ignore[union-attr]
-    except (TypeError, ValueError):
-        raise ValueError(f"seed = {seed!r}: must be an integer, or one (or None) for each row") from None
-    if len(seeds) != num_envs:
-        raise ValueError(f"seed of {len(seeds)} numbers: must be one number, or one for each of the {num_envs} rows")
-    for one in seeds:
-        if one is not None and one < 0:
-            raise ValueError(f"seed = {seed!r}: must not be negative")
-    return seeds
-
-
 def _shares(num_envs: int, threads: int) -> list[NDArray[np.intp]]:
     """The rows of each thread: whole blocks, shared evenly."""
     blocks = -(-num_envs // layout.WIDTH)
@@ -574,21 +504,6 @@ def _shares(num_envs: int, threads: int) -> list[NDArray[np.intp]]:
     return [np.arange(low, high) for low, high in itertools.pairwise(bounds) if high > low]
 
 
-def _of_row(name: str, value: Any, row: int) -> Any:
-    """What an option with one value for each row says about one of them."""
-    if name == "state":
-        return None if value is None else value[row]
-    if name == "parameters" and isinstance(value, Mapping):
-        return {key: np.asarray(number)[row] if np.ndim(number) else number for key, number in value.items()}
-    return value
-
-
 def _read_only(array: Any) -> Any:
     array.flags.writeable = False
     return array
-
-
-def _some(rows: NDArray[np.intp]) -> str:
-    """The first few of some row numbers, for a message."""
-    shown = ", ".join(map(str, rows[:10].tolist()))
-    return f"{shown}, ... ({rows.size} in all)" if rows.size > 10 else shown
