@@ -15,6 +15,7 @@ MUST_REACH: dict[str, Target] = {
     "Acrobot-v1 in SyncVectorEnv of 64": ("at least", 300.0),
     "EnvPool Acrobot-v1": ("at least", 10.0),
     "gymnax Acrobot-v1, one call a step": ("at least", 3.0),
+    "gymnax Acrobot-v1, one call a step, NumPy in and out": ("at least", 3.0),
     "CartPole-v1, native": ("at least", 0.8),
 }
 """Of 1,024 environments."""
@@ -34,6 +35,7 @@ def measure(bench: Bench) -> None:
             partial(envpool_batch, "Acrobot-v1", size),
             partial(envpool_batch, "Pendulum-v1", size),
             partial(gymnax_batch, size),
+            partial(gymnax_batch, size, as_numpy=True),
             partial(gymnax_batch, size, 100 if size <= 1024 else 10),
             partial(mujoco_batch, _rest(), min(size, 1024), 4, actuated=True),
         ]

@@ -148,11 +148,12 @@ class _Seedless:
         return self.env.step(actions)
 
 
-def gymnax_batch(num_envs: int, scan: int = 0) -> Subject:
-    """gymnax's Acrobot with its automatic reset: one compiled call for each step, or one for `scan` steps.
+def gymnax_batch(num_envs: int, scan: int = 0, as_numpy: bool = False) -> Subject:
+    """gymnax's Acrobot with its automatic reset: one compiled call for each step, or one for `scan` steps. Float32.
 
-    As JAX is at its fastest: the state's memory is handed over to each call, and a call begins while the one before may
-    still be running. Float32, and what comes out stays with JAX.
+    As JAX is at its fastest: the state's memory is handed over to each call, a call begins while the one before may
+    still be running, and what comes out stays with JAX. Or `as_numpy`, as whatever isn't written in JAX needs it:
+    NumPy actions go in, and observations, rewards and ends are NumPy arrays before the next call.
     """
     gymnax = peer("gymnax")
     jax = peer("jax")
@@ -173,18 +174,20 @@ def gymnax_batch(num_envs: int, scan: int = 0) -> Subject:
     advance = jax.jit(steps if scan else step, donate_argnums=0)
     shape = (scan, num_envs) if scan else (num_envs,)
     random = np.random.default_rng(0)
-    actions = itertools.cycle(
-        [jax.numpy.asarray(random.integers(0, 3, shape).astype(np.int32)) for _ in range(1 if scan else 64)]
-    )
+    kind = np.asarray if as_numpy else jax.numpy.asarray
+    actions = itertools.cycle([kind(random.integers(0, 3, shape).astype(np.int32)) for _ in range(1 if scan else 64)])
     carried = [(jax.random.key(1), state)]
 
     def run(calls: int) -> float:
         carry = carried[0]
         for _, action in zip(range(calls), actions, strict=False):
             carry, output = advance(carry, action)
+            if as_numpy:
+                output = [np.asarray(part) for part in output[:3]]
         carried[0] = jax.block_until_ready((carry, output))[0]
         return 0.0
 
     run(2)
     name = f"gymnax Acrobot-v1, {scan} steps in a scan" if scan else "gymnax Acrobot-v1, one call a step"
+    name += ", NumPy in and out" if as_numpy else ""
     return Subject(name, run, num_envs * max(scan, 1))
