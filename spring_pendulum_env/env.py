@@ -150,6 +150,8 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self.observation_space = spaces.Box(-np.inf, np.inf, (self.scenario.state_size,), np.float64)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.scenario.actuated_axes),), np.float32)
 
+        # No more attributes than must be: an object of more than thirty has them looked up more slowly by CPython, which
+        # costs a step a fortieth of its time.
         self._parameters = self.scenario.parameters
         self._constants: dict[str, float] = self._parameters.as_dict()
         self._cell = np.zeros(layout.CELL)
@@ -159,9 +161,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self._usual_start = self._template.copy()
         self._usual_start[layout.STATE : layout.STATE + 18] = self.scenario.start
         self._usual_start[layout.FRESH] = layout.DISPLACED
-        self._action_shape = self.action_space.shape
-        self._no_action = np.zeros(self._action_shape)
-        self._places = [self.scenario.actuated_axes.find(axis) for axis in AXES]  # of x, y and z in an action; -1: none
+        self._no_action = np.zeros(self.action_space.shape)
         self._renderer: Any = None
         self._actuated = self.scenario.task.actuated
         self._on_screen = render_mode == "human"
@@ -177,12 +177,11 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         self._observe = self._full_state.copy
         if not self.scenario.task.actuated:
             self._observe = self._full_state.reshape(2, 9)[:, 3:].flatten
-        self._force = self._cell[layout.FORCE : layout.FORCE + 3]
-        self._copy_force = self._force.copy
+        self._copy_force = self._cell[layout.FORCE : layout.FORCE + 3].copy
         self._address = float(self._cell.ctypes.data)
         # Where all axes are actuated and the action is an array, the compiled step looks at the numbers itself.
         tolist: Callable[[Any], Any] = np.ndarray.tolist
-        self._numbers_of = tolist if self._places == [0, 1, 2] else self._checked_action
+        self._numbers_of = tolist if self.scenario.actuated_axes == AXES else self._checked_action
         self._compiled_step = self._step_of_this_episode()
         self._advance = self._compiled_step if self._started else _before_reset
 
@@ -199,7 +198,6 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             "_noise",
             "_full_state",
             "_observe",
-            "_force",
             "_copy_force",
             "_address",
             "_numbers_of",
@@ -337,7 +335,9 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
 
             fps = self.metadata["render_fps"]
             self._renderer = Renderer(self.render_mode, fps, self.scenario, **self._render_options)
-        return self._renderer.draw(self._full_state, self._parameters, self._force, float(self._cell[layout.TIME]))
+        return self._renderer.draw(
+            self._full_state, self._parameters, self._copy_force(), float(self._cell[layout.TIME])
+        )
 
     def close(self) -> None:
         """Closes the window, if there is one. May be called twice."""
@@ -352,10 +352,10 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         try:
             numbers = real_numbers(action)
         except (TypeError, ValueError, OverflowError):
-            raise ValueError(f"action = {action!r}: must be {self._action_shape[0]} numbers") from None
-        if numbers.shape != self._action_shape:
-            raise ValueError(f"action of shape {numbers.shape}: must have shape {self._action_shape}")
-        x, y, z = (numbers.item(place) if place >= 0 else 0.0 for place in self._places)
+            raise ValueError(f"action = {action!r}: must be {self.action_space.shape[0]} numbers") from None
+        if numbers.shape != self.action_space.shape:
+            raise ValueError(f"action of shape {numbers.shape}: must have shape {self.action_space.shape}")
+        x, y, z = (numbers.item(place) if place >= 0 else 0.0 for place in map(self.scenario.actuated_axes.find, AXES))
         return x, y, z
 
     def _second_try(self, told: single.Told, action: Any) -> single.Told:

@@ -545,3 +545,11 @@ def test_huge_action_is_clipped() -> None:
     first.reset(seed=0)
     second.reset(seed=0)
     np.testing.assert_array_equal(first.step(np.full(3, 1.7e308))[0], second.step(np.ones(3))[0])
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_an_environment_has_few_attributes(name: str) -> None:
+    """CPython keeps the attributes of an object of at most thirty where it finds them fast."""
+    env = gym.make(name, render_mode="rgb_array")
+    env.reset(seed=0)
+    assert len(vars(env.unwrapped)) <= 30
