@@ -352,7 +352,7 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
         try:
             numbers = real_numbers(action)
         except (TypeError, ValueError, OverflowError):
-            raise ValueError(f"action = {action!r}: must be {self.action_space.shape[0]} numbers") from None
+            raise ValueError(f"action = {action!r}: must be {len(self.scenario.actuated_axes)} numbers") from None
         if numbers.shape != self.action_space.shape:
             raise ValueError(f"action of shape {numbers.shape}: must have shape {self.action_space.shape}")
         x, y, z = (numbers.item(place) if place >= 0 else 0.0 for place in map(self.scenario.actuated_axes.find, AXES))
