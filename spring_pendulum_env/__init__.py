@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as _gym
 
 from spring_pendulum_env.equilibria import EQUILIBRIA, NormalModes, energy, equilibrium, linearise, normal_modes
 from spring_pendulum_env.physics import Parameters
-from spring_pendulum_env.simulation import Trajectory, simulate
 from spring_pendulum_env.tasks import TASKS
 
 if TYPE_CHECKING:
     from spring_pendulum_env.env import SpringPendulumEnv
+    from spring_pendulum_env.simulation import Trajectory, simulate
     from spring_pendulum_env.vector_env import SpringPendulumVectorEnv
 
 __version__ = "0.1.0"
@@ -46,14 +47,23 @@ for _id, _task in TASKS.items():
         )
 
 
+_ON_FIRST_USE = {
+    "SpringPendulumEnv": "env",
+    "SpringPendulumVectorEnv": "vector_env",
+    "Trajectory": "simulation",
+    "simulate": "simulation",
+}
+"""Public names whose modules take long to import, the environments' with numba as long as all the rest."""
+
+
 def __getattr__(name: str) -> Any:
-    """The environment classes, on first use: they import numba, which takes as long as all the rest."""
-    if name == "SpringPendulumEnv":
-        from spring_pendulum_env.env import SpringPendulumEnv
+    """A name of those that are imported on first use."""
+    if name not in _ON_FIRST_USE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_ON_FIRST_USE[name]}"), name)
+    globals()[name] = value
+    return value
 
-        return SpringPendulumEnv
-    if name == "SpringPendulumVectorEnv":
-        from spring_pendulum_env.vector_env import SpringPendulumVectorEnv
 
-        return SpringPendulumVectorEnv
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_ON_FIRST_USE})

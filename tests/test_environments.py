@@ -508,9 +508,11 @@ def test_classes_are_public_and_imported_only_when_asked_for() -> None:
     assert issubclass(spring_pendulum_env.SpringPendulumVectorEnv, gym.vector.VectorEnv)
     with pytest.raises(AttributeError, match="SpringPendulum"):
         _ = spring_pendulum_env.SpringPendulum
-    code = "import sys, spring_pendulum_env; print(*{'numba', 'scipy.integrate', 'pygame', 'torch'} & set(sys.modules))"
+    late = {"numba", "scipy.integrate", "pygame", "torch", "spring_pendulum_env.simulation"}
+    code = f"import sys, spring_pendulum_env; print(*{late} & set(sys.modules))"
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert printed.strip() == ""
+    assert set(spring_pendulum_env.__all__) <= set(dir(spring_pendulum_env))
 
 
 def test_close_may_be_called_twice(env: gym.Env[Any, Any]) -> None:
