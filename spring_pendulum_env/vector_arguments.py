@@ -15,13 +15,14 @@ from spring_pendulum_env.scenario import real_numbers
 
 
 def positive_integer(name: str, value: Any) -> int:
+    """An integer >= 1 of any integer type. Raises ValueError, with the name, for anything else."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
         raise ValueError(f"{name} = {value!r}: must be an integer >= 1")
     return int(value)
 
 
 def rows_of(value: Any, num_envs: int) -> list[int]:
-    """`render_rows` as row numbers."""
+    """`render_rows` as row numbers. Raises ValueError for what is no sequence of rows in 0 to num_envs - 1."""
     try:
         rows = [operator.index(row) for row in value]
     except TypeError:
@@ -33,6 +34,7 @@ def rows_of(value: Any, num_envs: int) -> list[int]:
 
 
 def mode_of(value: AutoresetMode | str) -> AutoresetMode:
+    """The mode of that name or value. Raises ValueError where there is none."""
     for mode in AutoresetMode:
         if isinstance(value, (str, AutoresetMode)) and value in (mode, mode.value, mode.name):
             return mode
@@ -40,6 +42,7 @@ def mode_of(value: AutoresetMode | str) -> AutoresetMode:
 
 
 def seeds_of(seed: int | Sequence[int | None] | None, num_envs: int) -> list[int | None]:
+    """A seed for each row: seed + i, or the i-th of a sequence. Raises ValueError for any but non-negative integers."""
     if seed is None:
         return [None] * num_envs
     try:

@@ -178,9 +178,14 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         for row in rows.tolist():
             self._starts.seed(row, seeds[row])
         self._place(rows, options)
-        self._ended[rows] = False
         results = _Results.empty(self.num_envs, self.scenario.state_size)
-        self._report_placed(rows, results)
+        ended = self._ended[rows]
+        self._ended[rows] = False  # before the compiled step, which would place them once more
+        try:
+            self._report_placed(rows, results)
+        except FloatingPointError:
+            self._ended[rows] = ended
+            raise
         if rows.size < self.num_envs:
             others = ~chosen
             results.observations[others] = self._observed(self.states[others])

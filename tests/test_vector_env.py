@@ -411,3 +411,13 @@ def test_huge_actions_are_clipped_without_a_warning() -> None:
 
 def test_number_of_rows_may_be_of_any_integer_type() -> None:
     assert gym.make_vec(DAMPING, num_envs=np.int8(2)).reset(seed=0)[0].shape == (2, 18)
+
+
+def test_rows_that_ended_still_have_after_a_reset_that_overflows() -> None:
+    """So the next step starts them anew."""
+    env = gym.make_vec(DAMPING, num_envs=3, max_episode_steps=1)
+    env.reset(seed=0)
+    assert env.step(np.zeros((3, 3)))[3].all()
+    with pytest.raises(FloatingPointError):
+        env.reset(options={"state": np.full(18, 1e160)})
+    assert np.isfinite(env.step(np.zeros((3, 3)))[0]).all()
