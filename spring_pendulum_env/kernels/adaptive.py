@@ -54,7 +54,7 @@ def _step_batch_adaptively(
         count = min(WIDTH, wanted.size - begin)
         for j in range(WIDTH):
             indices[j] = wanted[begin + min(j, count - 1)]
-        lanes = (count + 7) & -8
+        lanes = (count + 3) & -4
         load(rows, indices, lanes, FIELDS, settings, actions, b)
         prepare(b, lanes)
         adapt(b, count, settings[PERIOD], settings[TOLERANCE])

@@ -11,7 +11,7 @@ from spring_pendulum_env import tasks
 from spring_pendulum_env.equilibria import BODY_STATE
 from spring_pendulum_env.integrators import FINEST, REFINEMENT
 from spring_pendulum_env.jit import compiled, compiled_entry
-from spring_pendulum_env.kernels.lanes import flat, keep, many_in
+from spring_pendulum_env.kernels.lanes import block_of, flat, in_use, keep, many_in, numbers_from, put_side_by_side
 from spring_pendulum_env.kernels.report import any_stayed, prepare, report, settle
 from spring_pendulum_env.kernels.splitting import any_drag, split, split_with_drag
 from spring_pendulum_env.layout import (
@@ -87,32 +87,40 @@ def _is_block(indices):
 @compiled
 def _load_constants(rows, index, b):
     """Into the buffer, the constants of one pendulum for all."""
+    block = block_of(rows, index // WIDTH)
     for i in range(PHYSICS, FIELDS):
         for j in range(WIDTH):
-            b[i, j] = rows[index // WIDTH, i, index % WIDTH]
+            b[i, j] = block[i, index % WIDTH]
 
 
 @compiled
 def load(rows, indices, lanes, fields, settings, actions, b):
     """Into the buffer: so many fields, and the force of the action, none for those that were just placed."""
+    lanes = in_use(b, lanes)
+    axes = actions.shape[1]
     if _is_block(indices):
         first = indices[0]
-        whole = rows[first // WIDTH].reshape(FIELDS * WIDTH)
-        numbers = flat(b)
-        for n in range(fields * WIDTH):
+        numbers, whole = flat(b), flat(block_of(rows, first // WIDTH))
+        for n in range(fields * lanes):
             numbers[n] = whole[n]
-        taken = actions[first : first + WIDTH]
         for i in range(3):
             slot = int(settings[AXIS_SLOTS + i])
-            for j in range(WIDTH):
-                b[FORCE + i, j] = taken[j, slot] if slot >= 0 else 0.0
+            if slot >= 0:
+                taken = numbers_from(actions, axes * first + slot)
+                for j in range(lanes):
+                    b[FORCE + i, j] = taken[axes * j]
+            else:
+                for j in range(lanes):
+                    b[FORCE + i, j] = 0.0
     else:
         for j in range(lanes):
+            index = indices[j]
+            block = block_of(rows, index // WIDTH)
             for i in range(fields):
-                b[i, j] = rows[indices[j] // WIDTH, i, indices[j] % WIDTH]
+                b[i, j] = block[i, index % WIDTH]
             for i in range(3):
                 slot = int(settings[AXIS_SLOTS + i])
-                b[FORCE + i, j] = actions[indices[j], slot] if slot >= 0 else 0.0
+                b[FORCE + i, j] = numbers_from(actions, axes * index + slot)[0] if slot >= 0 else 0.0
     most = settings[MAX_FORCE]
     for i in range(3):
         for j in range(lanes):
@@ -121,40 +129,38 @@ def load(rows, indices, lanes, fields, settings, actions, b):
 
 
 @compiled
-def _store_block(rows, first, b, limit, observations, outcomes, forces, rewards, terminated, truncated):
+def _store_block(rows, first, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated):
     """As `store`, of the block that begins with the pendulum `first`."""
-    whole = rows[first // WIDTH].reshape(FIELDS * WIDTH)
-    numbers = flat(b)
-    for n in range(PHYSICS * WIDTH):
+    lanes = in_use(b, lanes)
+    numbers, whole = flat(b), flat(block_of(rows, first // WIDTH))
+    for n in range(PHYSICS * lanes):
         whole[n] = numbers[n]
     for i in range(OUTCOMES):
-        outcome = outcomes[i, first : first + WIDTH]
-        for j in range(WIDTH):
+        outcome = numbers_from(outcomes, i * outcomes.shape[1] + first)
+        for j in range(lanes):
             outcome[j] = b[FIELDS + i, j]
-    # Slices first: of their numbers the compiler knows that they are not counted from the end.
-    force = forces.reshape(forces.size)[3 * first : 3 * (first + WIDTH)]
+    force = numbers_from(forces, 3 * first)
     for i in range(3):
-        for j in range(WIDTH):
+        for j in range(lanes):
             force[3 * j + i] = b[FORCE + i, j]
     size = observations.shape[1]
-    observation = observations.reshape(observations.size)[size * first : size * (first + WIDTH)]
-    if size == 18:
-        for i in range(18):
-            for j in range(WIDTH):
-                observation[18 * j + i] = b[i, j]
-    else:
-        for i in range(6):
-            for j in range(WIDTH):
-                observation[12 * j + i] = b[3 + i, j]
-                observation[12 * j + 6 + i] = b[12 + i, j]
-    earned = rewards[first : first + WIDTH]
+    for j in range(0, lanes, 4):
+        if size == 18:
+            for i in (0, 4, 8, 12, 14):
+                at = numbers_from(observations, 18 * (first + j) + i)
+                put_side_by_side(b, (i, i + 1, i + 2, i + 3), j, at, 18)
+        else:
+            put_side_by_side(b, (3, 4, 5, 6), j, numbers_from(observations, 12 * (first + j)), 12)
+            put_side_by_side(b, (7, 8, 12, 13), j, numbers_from(observations, 12 * (first + j) + 4), 12)
+            put_side_by_side(b, (14, 15, 16, 17), j, numbers_from(observations, 12 * (first + j) + 8), 12)
+    earned = numbers_from(rewards, first)
     ended = terminated[first : first + WIDTH]
     late = truncated[first : first + WIDTH]
-    for j in range(WIDTH):
+    for j in range(lanes):
         moved = b[MOVED, j] != 0.0
         reward = b[REWARD, j]
         earned[j] = reward if moved else 0.0
-    for j in range(WIDTH):
+    for j in range(lanes):
         moved = b[MOVED, j] != 0.0
         ended[j] = moved & (b[ENDED, j] != 0.0)
         late[j] = moved & (b[CLOCK, j] >= limit)
@@ -165,23 +171,28 @@ def store(rows, indices, lanes, b, limit, observations, outcomes, forces, reward
     """From the buffer: what a step changed, and what it reports. A pendulum that was just placed has made no step: it
     gets no reward, and doesn't end."""
     if _is_block(indices):
-        _store_block(rows, indices[0], b, limit, observations, outcomes, forces, rewards, terminated, truncated)
+        _store_block(rows, indices[0], lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated)
         return
+    size = observations.shape[1]
     for j in range(lanes):
         index = indices[j]
+        block = block_of(rows, index // WIDTH)
         for i in range(PHYSICS):
-            rows[index // WIDTH, i, index % WIDTH] = b[i, j]
+            block[i, index % WIDTH] = b[i, j]
+        outcome = numbers_from(outcomes, index)
         for i in range(OUTCOMES):
-            outcomes[i, index] = b[FIELDS + i, j]
+            outcome[i * outcomes.shape[1]] = b[FIELDS + i, j]
+        force = numbers_from(forces, 3 * index)
         for i in range(3):
-            forces[index, i] = b[FORCE + i, j]
-        if observations.shape[1] == 18:
+            force[i] = b[FORCE + i, j]
+        observation = numbers_from(observations, size * index)
+        if size == 18:
             for i in range(18):
-                observations[index, i] = b[i, j]
+                observation[i] = b[i, j]
         else:
             for i in range(6):
-                observations[index, i] = b[3 + i, j]
-                observations[index, 6 + i] = b[12 + i, j]
+                observation[i] = b[3 + i, j]
+                observation[6 + i] = b[12 + i, j]
         moved = b[MOVED, j] != 0.0
         rewards[index] = b[REWARD, j] if moved else 0.0
         terminated[index] = moved & (b[ENDED, j] != 0.0)
@@ -193,8 +204,9 @@ def set_again(rows, indices, lanes, b):
     """The states of those that haven't moved."""
     for j in range(lanes):
         if b[MOVED, j] == 0.0:
+            block = block_of(rows, indices[j] // WIDTH)
             for i in range(18):
-                b[i, j] = rows[indices[j] // WIDTH, i, indices[j] % WIDTH]
+                b[i, j] = block[i, indices[j] % WIDTH]
 
 
 @compiled
@@ -273,7 +285,7 @@ def _step_batch(
             while done < waiting:
                 count = _take(rows, alike, queue, done, waiting, indices)
                 done += count
-                lanes = (count + 7) & -8
+                lanes = (count + 3) & -4
                 load(rows, indices, lanes, fields, settings, actions, b)
                 prepare(b, lanes)
                 if any_drag(b, lanes):

@@ -12,13 +12,14 @@ import operator
 from typing import Any
 
 import numpy as np
+from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
 from spring_pendulum_env.jit import DISABLED
-from spring_pendulum_env.layout import WIDTH
+from spring_pendulum_env.layout import FIELDS, WIDTH
 
 NUMBER = types.float64
 POINTER = types.CPointer(NUMBER)
@@ -116,6 +117,18 @@ def _keep(_typing: Any, array: Any) -> Any:
     return types.none(array), lambda context, *_: context.get_dummy_value()
 
 
+def _block_of(_typing: Any, rows: Any, number: Any) -> Any:
+    many = Lanes(WIDTH)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        size = context.get_constant(types.intp, FIELDS * WIDTH)
+        block = builder.gep(array.data, [builder.mul(arguments[1], size)])
+        return builder.bitcast(block, context.get_value_type(many))
+
+    return many(rows, types.intp), generate
+
+
 def _flat(_typing: Any, b: Any) -> Any:
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         return builder.bitcast(arguments[0], context.get_value_type(POINTER))
@@ -123,12 +136,49 @@ def _flat(_typing: Any, b: Any) -> Any:
     return POINTER(b), generate
 
 
+def _numbers_from(_typing: Any, array: Any, first: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        return builder.gep(data, [arguments[1]])
+
+    return types.CPointer(array.dtype)(array, types.intp), generate
+
+
+def _put_side_by_side(_typing: Any, b: Any, fields: Any, lane: Any, to: Any, pitch: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        lanes, fields, lane, to, pitch = arguments
+        kind = ir.VectorType(ir.DoubleType(), 4)
+
+        def shuffled(one: Any, other: Any, *which: int) -> Any:
+            return builder.shuffle_vector(one, other, ir.Constant(ir.VectorType(ir.IntType(32), 4), which))
+
+        across = []
+        for field in cgutils.unpack_tuple(builder, fields):
+            width = context.get_constant(types.intp, b.width)
+            address = builder.gep(lanes, [builder.add(builder.mul(field, width), lane)])
+            across.append(builder.load(builder.bitcast(address, kind.as_pointer()), align=8))
+        low1, high1 = shuffled(across[0], across[1], 0, 4, 2, 6), shuffled(across[0], across[1], 1, 5, 3, 7)
+        low2, high2 = shuffled(across[2], across[3], 0, 4, 2, 6), shuffled(across[2], across[3], 1, 5, 3, 7)
+        along = [
+            shuffled(low1, low2, 0, 1, 4, 5),
+            shuffled(high1, high2, 0, 1, 4, 5),
+            shuffled(low1, low2, 2, 3, 6, 7),
+            shuffled(high1, high2, 2, 3, 6, 7),
+        ]
+        for number, row in enumerate(along):
+            address = builder.gep(to, [builder.mul(pitch, context.get_constant(types.intp, number))])
+            builder.store(row, builder.bitcast(address, kind.as_pointer()), align=8)
+        return context.get_dummy_value()
+
+    return types.none(b, types.UniTuple(types.intp, 4), types.intp, to, types.intp), generate
+
+
 def _in_use(_typing: Any, b: Any, lanes: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         if b.width == 1:
             return context.get_constant(types.intp, 1)
         count = context.cast(builder, arguments[1], signature.args[1], types.intp)
-        return builder.and_(count, context.get_constant(types.intp, -8))
+        return builder.and_(count, context.get_constant(types.intp, -4))
 
     return types.intp(b, lanes), generate
 
@@ -155,12 +205,25 @@ class _Plain:
         pass
 
     @staticmethod
+    def block_of(rows: Any, number: int) -> Any:
+        return rows[number]
+
+    @staticmethod
     def flat(b: Any) -> Any:
         return b.reshape(-1)
 
     @staticmethod
+    def numbers_from(array: Any, first: int) -> Any:
+        return array.reshape(-1)[first:]
+
+    @staticmethod
+    def put_side_by_side(b: Any, fields: tuple[int, ...], lane: int, to: Any, pitch: int) -> None:
+        for number in range(4):
+            to[pitch * number : pitch * number + 4] = b[list(fields), lane + number]
+
+    @staticmethod
     def in_use(b: Any, lanes: int) -> int:
-        return 1 if b.shape[1] == 1 else lanes & -8
+        return 1 if b.shape[1] == 1 else lanes & -4
 
 
 floats_at: Any = _Plain.floats_at if DISABLED else intrinsic(_floats_at)
@@ -176,8 +239,19 @@ many_in: Any = _Plain.many_in if DISABLED else intrinsic(_many_in)
 keep: Any = _Plain.keep if DISABLED else intrinsic(_keep)
 """... by this after their last use: compiled code lets go of an array after its own."""
 
+block_of: Any = _Plain.block_of if DISABLED else intrinsic(_block_of)
+"""The pendulums in a block of rows, by its number. As with what follows, nobody looks whether it is there, and nothing
+is counted from the end, which an access to an array would."""
+
 flat: Any = _Plain.flat if DISABLED else intrinsic(_flat)
 """All numbers of some lanes, one field after the other."""
 
+numbers_from: Any = _Plain.numbers_from if DISABLED else intrinsic(_numbers_from)
+"""The numbers of an array, which lie one after the other, from the `first` on."""
+
+put_side_by_side: Any = _Plain.put_side_by_side if DISABLED else intrinsic(_put_side_by_side)
+"""Writes four fields of the four pendulums from `lane` on: those of one after the other, and of the next `pitch` further
+on. Four by four they can be turned in registers, which the compiler doesn't find by itself."""
+
 in_use: Any = _Plain.in_use if DISABLED else intrinsic(_in_use)
-"""How many of the lanes are gone through: one, or a multiple of eight, so that no loop has a remainder."""
+"""How many of the lanes are gone through: one, or a multiple of four, so that no loop has a remainder."""

@@ -72,7 +72,7 @@ def settle(b, lanes):
         fresh = b[FRESH, j] != 0.0
         guarded = (b[GUARDED, j] != 0.0) & (not fresh)
         wrong = (not finite) & (not fresh) & (not guarded) & (b[STATUS, j] == FINE)
-        status = NOT_FINITE if wrong else b[STATUS, j]
+        status = b[STATUS, j] + (NOT_FINITE if wrong else 0.0)  # of one that is wrong so far FINE, which is 0
         moved = (not fresh) & (not guarded) & (status == FINE)
         b[GUARDED, j] = 1.0 if guarded else 0.0
         b[STATUS, j] = status

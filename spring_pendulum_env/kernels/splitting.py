@@ -124,8 +124,7 @@ def _guard(b, lanes, step):
             b[15, j] - b[12, j], b[16, j] - b[13, j], b[17, j] - b[14, j],
             b[PHYSICS + 6, j], b[PHYSICS + 8, j], step,
         )  # fmt: skip
-        before = b[GUARDED, j]
-        b[GUARDED, j] = 1.0 if close1 | close2 else before
+        b[GUARDED, j] += 1.0 if close1 | close2 else 0.0  # not "if": stores under a mask are slow
 
 
 @compiled
