@@ -319,5 +319,15 @@ def _step_batch(
     return worst, emptied
 
 
+def _all_finite(numbers):
+    """Whether all numbers of an array are finite; it takes a fraction of the time of NumPy's functions."""
+    each = numbers_from(numbers, 0)
+    finite = True
+    for n in range(numbers.size):
+        finite &= each[n] - each[n] == 0.0
+    return finite
+
+
+all_finite = compiled_entry(_all_finite, nogil=False)
 place = compiled_entry(_place, nogil=False)
 step_batch = compiled_entry(_step_batch)

@@ -117,7 +117,7 @@ def _keep(_typing: Any, array: Any) -> Any:
     return types.none(array), lambda context, *_: context.get_dummy_value()
 
 
-def _block_of(_typing: Any, rows: Any, number: Any) -> Any:
+def _block_of(_typing: Any, rows: Any, _number: Any) -> Any:
     many = Lanes(WIDTH)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -136,7 +136,7 @@ def _flat(_typing: Any, b: Any) -> Any:
     return POINTER(b), generate
 
 
-def _numbers_from(_typing: Any, array: Any, first: Any) -> Any:
+def _numbers_from(_typing: Any, array: Any, _first: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
         return builder.gep(data, [arguments[1]])
@@ -144,8 +144,8 @@ def _numbers_from(_typing: Any, array: Any, first: Any) -> Any:
     return types.CPointer(array.dtype)(array, types.intp), generate
 
 
-def _put_side_by_side(_typing: Any, b: Any, fields: Any, lane: Any, to: Any, pitch: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _put_side_by_side(_typing: Any, b: Any, _fields: Any, _lane: Any, to: Any, _pitch: Any) -> Any:
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         lanes, fields, lane, to, pitch = arguments
         kind = ir.VectorType(ir.DoubleType(), 4)
 
@@ -250,8 +250,8 @@ numbers_from: Any = _Plain.numbers_from if DISABLED else intrinsic(_numbers_from
 """The numbers of an array, which lie one after the other, from the `first` on."""
 
 put_side_by_side: Any = _Plain.put_side_by_side if DISABLED else intrinsic(_put_side_by_side)
-"""Writes four fields of the four pendulums from `lane` on: those of one after the other, and of the next `pitch` further
-on. Four by four they can be turned in registers, which the compiler doesn't find by itself."""
+"""Writes four fields of the four pendulums from `lane` on: one pendulum's side by side, those of the next `pitch`
+numbers further on. Sixteen numbers are turned in registers, which the compiler doesn't find by itself."""
 
 in_use: Any = _Plain.in_use if DISABLED else intrinsic(_in_use)
 """How many of the lanes are gone through: one, or a multiple of four, so that no loop has a remainder."""
