@@ -13,11 +13,14 @@ from spring_pendulum_env.scenario import START_NUMBERS
 
 FloatArray = NDArray[np.float64]
 
-MOST_AHEAD = 16
+MOST_AHEAD = 32
 """Starts drawn at once, since asking a generator for a few numbers costs more than the numbers ..."""
 
 NUMBERS_AHEAD = 2**21
-"""... and at most so many numbers for all rows, 16 MB."""
+"""... at most so many numbers for all rows, 16 MB ..."""
+
+FIRST_AHEAD = 4
+"""... and no more when a row is seeded, which may be all that it is asked for."""
 
 WORDS = 6
 """Numbers that say where a generator is; int64, which every file format knows."""
@@ -36,6 +39,7 @@ class Starts:
     """
 
     def __init__(self, rows: int, ahead: bool) -> None:
+        self._ahead = ahead
         self._size = min(MOST_AHEAD, max(1, NUMBERS_AHEAD // (rows * START_NUMBERS))) if ahead else 1
         self._generators: list[np.random.Generator | None] = [None] * rows
         self.numbers = np.empty((rows, self._size, START_NUMBERS))
@@ -46,13 +50,14 @@ class Starts:
         if seed is not None or self._generators[row] is None:
             self._generators[row], _ = seeding.np_random(seed)
             self.taken[row] = self._size
+            if self._ahead:
+                self._draw(row, min(FIRST_AHEAD, self._size))
 
     def prepare(self, rows: NDArray[np.intp] | None = None) -> None:
         """Draws for those of some rows, or of all, of whose starts none is left."""
         empty = self.taken == self._size
         for row in (empty.nonzero()[0] if rows is None else rows[empty[rows]]).tolist():
-            self._generator(row).standard_normal(out=self.numbers[row])
-            self.taken[row] = 0
+            self._draw(row, self._size)
 
     def row(self, row: int) -> Row:
         """The random numbers of one row, as a `scenario.Random`."""
@@ -79,6 +84,12 @@ class Starts:
         self._generators = [None if unseeded else generator_of(words) for words in state["generators"]]
         self.numbers[:] = state["numbers"]
         self.taken[:] = state["taken"]
+
+    def _draw(self, row: int, starts: int) -> None:
+        """Draws so many starts of a row, of which none is left."""
+        first = self._size - starts
+        self._generator(row).standard_normal(out=self.numbers[row, first:])
+        self.taken[row] = first
 
     def _generator(self, row: int) -> np.random.Generator:
         generator = self._generators[row]
