@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from spring_pendulum_env.jit import compiled_entry
-from spring_pendulum_env.kernels.batch import load, set_again, store
+from spring_pendulum_env.kernels.batch import is_block, load, set_again, store
 from spring_pendulum_env.kernels.dormand_prince import adapt
 from spring_pendulum_env.kernels.lanes import floats_at, keep, many_in, one_at
 from spring_pendulum_env.kernels.report import prepare, report, settle
@@ -55,7 +55,8 @@ def _step_batch_adaptively(
         for j in range(WIDTH):
             indices[j] = wanted[begin + min(j, count - 1)]
         lanes = (count + 3) & -4
-        load(rows, indices, lanes, FIELDS, settings, actions, b)
+        whole = is_block(indices)
+        load(rows, indices, lanes, whole, FIELDS, settings, actions, b)
         prepare(b, lanes)
         adapt(b, count, settings[PERIOD], settings[TOLERANCE])
         for j in range(count, lanes):
@@ -64,7 +65,7 @@ def _step_batch_adaptively(
         settle(b, lanes)
         set_again(rows, indices, lanes, b)
         report(b, lanes, settings)
-        store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated)
+        store(rows, indices, lanes, whole, b, limit, observations, outcomes, forces, rewards, terminated, truncated)
         for j in range(count):
             if b[STATUS, j] != UNFINISHED:
                 worst = max(worst, int(b[STATUS, j]))

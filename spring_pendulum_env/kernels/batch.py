@@ -42,28 +42,44 @@ from spring_pendulum_env.scenario import START_NUMBERS
 
 
 @compiled
+def is_block(indices):
+    """Whether WIDTH pendulums are those of a block in their order, which are copied fast."""
+    first = indices[0]
+    same = first % WIDTH == 0
+    for j in range(WIDTH):
+        same &= indices[j] == first + j
+    return same
+
+
+@compiled
 def _take(rows, alike, queue, done, waiting, indices):
-    """The next pendulums of a queue that can be done together, those that need as many steps: how many.
+    """The next pendulums of a queue that can be done together, those that need as many steps.
 
     Args:
         alike: whether all of them do.
         queue: of pendulums; those from `done` on to before `waiting` are left, and change places.
         indices: shape (WIDTH,), written: which pendulums; beyond their number the first one again.
+
+    Returns:
+        How many; whether they are a block in its order.
     """
-    block = queue[done] // WIDTH
-    steps = rows[block, STEPS, queue[done] % WIDTH]
-    if done + WIDTH <= waiting:
+    next_ones = numbers_from(queue, done)
+    first = next_ones[0]
+    block = block_of(rows, first // WIDTH)
+    steps = block[STEPS, first % WIDTH]
+    if done + WIDTH <= waiting and is_block(next_ones):
         whole = True
-        for j in range(WIDTH):
-            whole &= (queue[done + j] == block * WIDTH + j) & (alike | (rows[block, STEPS, j] == steps))
+        if not alike:
+            for j in range(WIDTH):
+                whole &= block[STEPS, j] == steps
         if whole:
             for j in range(WIDTH):
-                indices[j] = queue[done + j]
-            return WIDTH
+                indices[j] = next_ones[j]
+            return WIDTH, True
     count = 0
     for n in range(done, waiting):
         index = queue[n]
-        if alike or rows[index // WIDTH, STEPS, index % WIDTH] == steps:
+        if alike or block_of(rows, index // WIDTH)[STEPS, index % WIDTH] == steps:
             queue[n] = queue[done + count]
             queue[done + count] = index
             indices[count] = index
@@ -72,16 +88,7 @@ def _take(rows, alike, queue, done, waiting, indices):
                 break
     for j in range(count, WIDTH):
         indices[j] = indices[0]
-    return count
-
-
-@compiled
-def _is_block(indices):
-    """Whether they are the pendulums of a block in their order, which are copied fast."""
-    same = indices[0] % WIDTH == 0
-    for j in range(WIDTH):
-        same &= indices[j] == indices[0] + j
-    return same
+    return count, False
 
 
 @compiled
@@ -94,24 +101,30 @@ def _load_constants(rows, index, b):
 
 
 @compiled
-def load(rows, indices, lanes, fields, settings, actions, b):
-    """Into the buffer: so many fields, and the force of the action, none for those that were just placed."""
+def load(rows, indices, lanes, whole, fields, settings, actions, b):
+    """Into the buffer: so many fields, and the force of the action, none for those that were just placed.
+
+    Args:
+        whole: whether the pendulums are a block in its order.
+    """
     lanes = in_use(b, lanes)
     axes = actions.shape[1]
-    if _is_block(indices):
+    if whole:
         first = indices[0]
-        numbers, whole = flat(b), flat(block_of(rows, first // WIDTH))
+        copy, original = flat(b), flat(block_of(rows, first // WIDTH))
         for n in range(fields * lanes):
-            numbers[n] = whole[n]
-        for i in range(3):
-            slot = int(settings[AXIS_SLOTS + i])
-            if slot >= 0:
-                taken = numbers_from(actions, axes * first + slot)
+            copy[n] = original[n]
+        taken = numbers_from(actions, axes * first)
+        if axes == 3:  # in one loop, for which the compiler has a fast way
+            for j in range(lanes):
+                b[FORCE, j] = taken[3 * j]
+                b[FORCE + 1, j] = taken[3 * j + 1]
+                b[FORCE + 2, j] = taken[3 * j + 2]
+        else:
+            for i in range(3):
+                slot = int(settings[AXIS_SLOTS + i])
                 for j in range(lanes):
-                    b[FORCE + i, j] = taken[axes * j]
-            else:
-                for j in range(lanes):
-                    b[FORCE + i, j] = 0.0
+                    b[FORCE + i, j] = taken[axes * j + slot] if slot >= 0 else 0.0
     else:
         for j in range(lanes):
             index = indices[j]
@@ -132,17 +145,18 @@ def load(rows, indices, lanes, fields, settings, actions, b):
 def _store_block(rows, first, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated):
     """As `store`, of the block that begins with the pendulum `first`."""
     lanes = in_use(b, lanes)
-    numbers, whole = flat(b), flat(block_of(rows, first // WIDTH))
+    copy, original = flat(b), flat(block_of(rows, first // WIDTH))
     for n in range(PHYSICS * lanes):
-        whole[n] = numbers[n]
+        original[n] = copy[n]
     for i in range(OUTCOMES):
         outcome = numbers_from(outcomes, i * outcomes.shape[1] + first)
         for j in range(lanes):
             outcome[j] = b[FIELDS + i, j]
     force = numbers_from(forces, 3 * first)
-    for i in range(3):
-        for j in range(lanes):
-            force[3 * j + i] = b[FORCE + i, j]
+    for j in range(lanes):
+        force[3 * j] = b[FORCE, j]
+        force[3 * j + 1] = b[FORCE + 1, j]
+        force[3 * j + 2] = b[FORCE + 2, j]
     size = observations.shape[1]
     for j in range(0, lanes, 4):
         if size == 18:
@@ -167,10 +181,10 @@ def _store_block(rows, first, lanes, b, limit, observations, outcomes, forces, r
 
 
 @compiled
-def store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated):
+def store(rows, indices, lanes, whole, b, limit, observations, outcomes, forces, rewards, terminated, truncated):
     """From the buffer: what a step changed, and what it reports. A pendulum that was just placed has made no step: it
     gets no reward, and doesn't end."""
-    if _is_block(indices):
+    if whole:
         _store_block(rows, indices[0], lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated)
         return
     size = observations.shape[1]
@@ -276,17 +290,18 @@ def _step_batch(
     worst = FINE
     for begin in range(0, wanted.size, CHUNK):
         waiting = min(CHUNK, wanted.size - begin)
+        here = numbers_from(wanted, begin)
         for n in range(waiting):
-            queue[n] = wanted[begin + n]
+            queue[n] = here[n]
         refinement = np.int64(1)
         while waiting > 0:
             again = 0  # those that were guarded go back to the front of the queue, to be done finer
             done = np.int64(0)
             while done < waiting:
-                count = _take(rows, alike, queue, done, waiting, indices)
+                count, whole = _take(rows, alike, queue, done, waiting, indices)
                 done += count
                 lanes = (count + 3) & -4
-                load(rows, indices, lanes, fields, settings, actions, b)
+                load(rows, indices, lanes, whole, fields, settings, actions, b)
                 prepare(b, lanes)
                 if any_drag(b, lanes):
                     split_with_drag(b, lanes, refinement, settings[PERIOD])
@@ -312,7 +327,10 @@ def _step_batch(
                 if wrong:
                     for j in range(count):
                         worst = max(worst, int(b[STATUS, j]))
-                store(rows, indices, lanes, b, limit, observations, outcomes, forces, rewards, terminated, truncated)
+                store(
+                    rows, indices, lanes, whole, b, limit,
+                    observations, outcomes, forces, rewards, terminated, truncated,
+                )  # fmt: skip
             refinement *= REFINEMENT
             waiting = again if refinement <= FINEST else 0
     keep(buffer)
