@@ -28,9 +28,10 @@ START_ENERGY = 18
 CLOCK = 19  # control periods since the start
 WORK = 20
 DISSIPATED = 21
-FORCE = 22  # 3, newtons
-STATUS = 25  # what went wrong in the step
-FRESH = 26  # 1 where it was just placed: the next step only reports it; DISPLACED in a cell
+FRESH = 22  # 1 where it was just placed: the next step only reports it; DISPLACED in a cell
+# ... of which the next step needs no more ...
+STATUS = 23  # what went wrong in the step
+FORCE = 24  # 3, newtons
 # ... then what stays as long as an episode.
 PHYSICS = 27  # 11: Parameters.constants()
 DRAG = 38  # 3: Parameters.drag_rates()

@@ -283,7 +283,7 @@ def _step_batch(
     indices = np.empty(WIDTH, dtype=np.int64)
     limit = settings[TIME_LIMIT]
     alike = settings[ALIKE] != 0.0
-    fields = PHYSICS if alike else FIELDS
+    fields = STATUS if alike else FIELDS  # beyond that only what stays the same is needed
     if alike and wanted.size > 0:
         _load_constants(rows, wanted[0], b)
     queue = np.empty(CHUNK, dtype=np.int64)
