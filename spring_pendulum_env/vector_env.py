@@ -37,6 +37,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 BOOL = np.dtype(np.bool_)  # of which an array is made faster than of the type
+FLOAT32 = np.dtype(np.float32)
 
 # Names of the infos that are numbers, as they stand among the outcomes of a step; after them those of the reward terms.
 _NUMBERS = {
@@ -103,6 +104,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         if max_episode_steps is not None:
             self.max_episode_steps = positive_integer("max_episode_steps", max_episode_steps)
         self.autoreset_mode = mode_of(autoreset_mode)
+        self._same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = {render_mode!r}: must be None or 'rgb_array'")
         self.render_mode = render_mode
@@ -133,11 +135,13 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self._look_for_unusual()
         self._shown_constants: dict[str, FloatArray | BoolArray] | None = None
         self._no_actions = np.zeros((num_envs, len(self.scenario.actuated_axes)))
+        self._actions = self._no_actions.copy()
         self._all = _read_only(np.ones(num_envs, dtype=np.bool_))
         told = [*self._numbers, "parameters"] + ["force"] * self.scenario.task.actuated
         # The keys of the infos in their order, each with what a mask of all rows is: much of a step's infos.
         self._told: dict[str, Any] = dict.fromkeys((key for name in told for key in (name, f"_{name}")), self._all)
-        self._ended: BoolArray = np.zeros(num_envs, dtype=np.bool_)
+        self._ended: BoolArray = np.zeros(num_envs, dtype=np.bool_)  # written by the compiled step
+        self._kept = (self._ended, self._usual_start, self._starts.numbers, self._starts.taken, self._settings)
         self._started = False
         # Whether rows that end start anew as usual, in the next step, by the splitting; and whether each has a start.
         self._usual_restarts = (
@@ -216,14 +220,12 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         results = _Results.empty(self.num_envs, self.scenario.state_size)
         self._advance(numbers, results)
         rewards, terminated, truncated = results.rewards, results.terminated, results.truncated
-        ended = terminated | truncated
-        if self.autoreset_mode != AutoresetMode.SAME_STEP:
-            self._ended = ended
-        elif ended.any():
-            last = ended.nonzero()[0]
-            infos = self._final(results, last, ended)
+        if self._same_step and self._ended.any():
+            last = self._ended.nonzero()[0]
+            infos = self._final(results, last, self._ended.copy())
             rewards, terminated, truncated = rewards.copy(), terminated.copy(), truncated.copy()
             self._place(last, {})
+            self._ended[last] = False
             self._report_placed(last, results)
             return results.observations, rewards, terminated, truncated, infos | self._infos(results, self._all)
         return results.observations, rewards, terminated, truncated, self._infos(results, self._all)
@@ -279,7 +281,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             )
         self._starts.set_state({name: given[f"starts.{name}"] for name in self._starts.get_state()})
         self._rows[:] = given["rows"]
-        self._started, self._ended, self._unusual = bool(given["started"]), given["ended"], given["unusual"]
+        self._started, self._ended[:], self._unusual = bool(given["started"]), given["ended"], given["unusual"]
         self._look_for_unusual()
         self._shown_constants = None
         for name, values in self._constants.items():
@@ -359,10 +361,12 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
 
     def _advance(self, actions: FloatArray, results: _Results) -> None:
         if len(self._shares) == 1:
-            self._check(self._advance_rows(self._shares[0], actions, results))
+            status = self._advance_rows(self._shares[0], actions, results)
         else:
             each = (itertools.repeat(argument) for argument in (actions, results))
-            self._check(max(self._threads_here().map(self._advance_rows, self._shares, *each)))
+            status = max(self._threads_here().map(self._advance_rows, self._shares, *each))
+        if status != layout.FINE:
+            self._check(status)
 
     def _threads_here(self) -> concurrent.futures.ThreadPoolExecutor:
         """The threads, made when they are first needed: a copy has its own, and so has a forked process, where those of
@@ -382,17 +386,15 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
 
     def _advance_rows(self, rows: NDArray[np.intp], actions: FloatArray, results: _Results) -> int:
         """One control period of some rows; the largest STATUS."""
-        arguments = (self._settings, actions, *results)
         if self.scenario.tolerance is not None:
-            return int(_adaptive_step()(self._rows, rows, *arguments))
+            return int(_adaptive_step()(self._rows, rows, self._ended, self._settings, actions, *results))
         status: int
-        start = (self._ended, self._usual_start, self._starts.numbers, self._starts.taken)
-        status, emptied = batch.step_batch(self._rows, rows, *start, *arguments)
+        status, emptied = batch.step_batch(self._rows, rows, *self._kept, actions, *results)
         if emptied:
             self._starts_ready = False
         if status == layout.UNFINISHED:
             left = rows[self._statuses()[rows] == layout.UNFINISHED]
-            _adaptive_step()(self._rows, left, *arguments)
+            _adaptive_step()(self._rows, left, self._ended, self._settings, actions, *results)
             statuses = self._statuses()[rows]
             status = int(statuses[statuses != layout.UNFINISHED].max())  # left where one of them gave up
         return status
@@ -407,19 +409,21 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             raise FloatingPointError(f"rows {some(wrong)}: {failure(status)}")
 
     def _checked_actions(self, actions: Any) -> FloatArray:
-        shape = (self.num_envs, len(self.scenario.actuated_axes))
+        """The actions as float64, in an array that the next ones overwrite."""
         if actions is None and not self.scenario.task.actuated:
             return self._no_actions
+        shape = self._actions.shape
+        usual = type(actions) is np.ndarray and actions.dtype is FLOAT32
         try:
-            numbers = real_numbers(actions)
+            numbers = actions if usual else real_numbers(actions)
         except (TypeError, ValueError, OverflowError):
             raise ValueError(f"actions = {actions!r}: must be numbers of shape {shape}") from None
         if numbers.shape != shape:
             raise ValueError(f"actions of shape {numbers.shape}: must have shape {shape}")
-        if not batch.all_finite(numbers):
+        if not batch.take_finite(numbers, self._actions):
             wrong = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
             raise ValueError(f"actions of rows {some(wrong)}: must be finite")
-        return numbers
+        return self._actions
 
     def _infos(self, results: _Results, chosen: BoolArray) -> dict[str, Any]:
         """What the rows report, in Gymnasium's vector form; zero, and masked, in rows that aren't chosen."""

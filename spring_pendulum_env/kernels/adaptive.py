@@ -42,7 +42,7 @@ def _advance_adaptively(address, x, y, z):
 
 
 def _step_batch_adaptively(
-    rows, wanted, settings, actions, observations, outcomes, forces, rewards, terminated, truncated
+    rows, wanted, ended, settings, actions, observations, outcomes, forces, rewards, terminated, truncated
 ):
     """As `_step_batch`, by the adaptive scheme; after TOO_MANY_STEPS of one, the others are as they were."""
     buffer = np.empty((BUFFER, WIDTH))
@@ -65,7 +65,9 @@ def _step_batch_adaptively(
         settle(b, lanes)
         set_again(rows, indices, lanes, b)
         report(b, lanes, settings)
-        store(rows, indices, lanes, whole, b, limit, observations, outcomes, forces, rewards, terminated, truncated)
+        store(
+            rows, indices, lanes, whole, b, limit, ended, observations, outcomes, forces, rewards, terminated, truncated
+        )
         for j in range(count):
             if b[STATUS, j] != UNFINISHED:
                 worst = max(worst, int(b[STATUS, j]))
