@@ -13,7 +13,7 @@ from spring_pendulum_env.scenario import START_NUMBERS
 
 FloatArray = NDArray[np.float64]
 
-MOST_AHEAD = 32
+MOST_AHEAD = 64
 """Starts drawn at once, since asking a generator for a few numbers costs more than the numbers ..."""
 
 NUMBERS_AHEAD = 2**21
