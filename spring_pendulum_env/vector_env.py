@@ -105,6 +105,9 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             self.max_episode_steps = positive_integer("max_episode_steps", max_episode_steps)
         self.autoreset_mode = mode_of(autoreset_mode)
         self._same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
+        self._adaptive = self.scenario.tolerance is not None
+        self._actuated = self.scenario.task.actuated
+        self._state_size = self.scenario.state_size
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = {render_mode!r}: must be None or 'rgb_array'")
         self.render_mode = render_mode
@@ -217,18 +220,22 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         if not self._restarts_compiled():
             self._restart()
 
-        results = _Results.empty(self.num_envs, self.scenario.state_size)
+        results = _Results.empty(self.num_envs, self._state_size)
         self._advance(numbers, results)
-        rewards, terminated, truncated = results.rewards, results.terminated, results.truncated
         if self._same_step and self._ended.any():
-            last = self._ended.nonzero()[0]
-            infos = self._final(results, last, self._ended.copy())
-            rewards, terminated, truncated = rewards.copy(), terminated.copy(), truncated.copy()
-            self._place(last, {})
-            self._ended[last] = False
-            self._report_placed(last, results)
-            return results.observations, rewards, terminated, truncated, infos | self._infos(results, self._all)
-        return results.observations, rewards, terminated, truncated, self._infos(results, self._all)
+            return self._restarted(results)
+        observations, _, _, rewards, terminated, truncated = results
+        return observations, rewards, terminated, truncated, self._infos(results, self._all)
+
+    def _restarted(self, results: _Results) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
+        """What a step returns after which rows are placed at once."""
+        last = self._ended.nonzero()[0]
+        infos = self._final(results, last, self._ended.copy())
+        rewards, terminated, truncated = results.rewards.copy(), results.terminated.copy(), results.truncated.copy()
+        self._place(last, {})
+        self._ended[last] = False
+        self._report_placed(last, results)
+        return results.observations, rewards, terminated, truncated, infos | self._infos(results, self._all)
 
     def _restarts_compiled(self) -> bool:
         """Whether the compiled step may place the rows that have ended; it has starts for all of them then."""
@@ -360,7 +367,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         self._check(self._advance_rows(rows, self._no_actions, results))
 
     def _advance(self, actions: FloatArray, results: _Results) -> None:
-        if len(self._shares) == 1:
+        if self.threads == 1:
             status = self._advance_rows(self._shares[0], actions, results)
         else:
             each = (itertools.repeat(argument) for argument in (actions, results))
@@ -386,7 +393,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
 
     def _advance_rows(self, rows: NDArray[np.intp], actions: FloatArray, results: _Results) -> int:
         """One control period of some rows; the largest STATUS."""
-        if self.scenario.tolerance is not None:
+        if self._adaptive:
             return int(_adaptive_step()(self._rows, rows, self._ended, self._settings, actions, *results))
         status: int
         status, emptied = batch.step_batch(self._rows, rows, *self._kept, actions, *results)
@@ -441,7 +448,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         infos = self._told.copy() if chosen is self._all else dict.fromkeys(self._told, chosen)
         infos.update(zip(self._numbers, outcomes, strict=False))  # of the passive task there are no reward terms
         infos["parameters"] = constants
-        if self.scenario.task.actuated:
+        if self._actuated:
             infos["force"] = forces
         return infos
 
