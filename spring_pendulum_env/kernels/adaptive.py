@@ -7,10 +7,11 @@ import math
 import numpy as np
 
 from spring_pendulum_env.jit import compiled_entry
-from spring_pendulum_env.kernels.batch import is_block, load, set_again, store
+from spring_pendulum_env.kernels.batch import is_block
 from spring_pendulum_env.kernels.dormand_prince import adapt
-from spring_pendulum_env.kernels.lanes import floats_at, keep, many_in, one_at
+from spring_pendulum_env.kernels.lanes import floats_at, keep, many_in, numbers_from, one_at
 from spring_pendulum_env.kernels.report import prepare, report, settle
+from spring_pendulum_env.kernels.rows import load, set_again, store
 from spring_pendulum_env.kernels.single import SETTINGS_AT, enter, leave, told
 from spring_pendulum_env.layout import (
     BAD_ACTION,
@@ -45,35 +46,41 @@ def _step_batch_adaptively(
     rows, wanted, ended, settings, actions, observations, outcomes, forces, rewards, terminated, truncated
 ):
     """As `_step_batch`, by the adaptive scheme; after TOO_MANY_STEPS of one, the others are as they were."""
-    buffer = np.empty((BUFFER, WIDTH))
-    b = many_in(buffer)
-    indices = np.empty(WIDTH, dtype=np.int64)
-    limit = settings[TIME_LIMIT]
+    pendulums, axes = actions.shape
+    size = observations.shape[1]
+    kept, chosen = numbers_from(rows, 0), numbers_from(wanted, 0)
+    asked, common = numbers_from(actions, 0), numbers_from(settings, 0)
+    told = (
+        numbers_from(observations, 0), numbers_from(outcomes, 0), numbers_from(forces, 0), numbers_from(rewards, 0),
+        numbers_from(terminated, 0), numbers_from(truncated, 0), numbers_from(ended, 0),
+    )  # fmt: skip
+    buffer, places = np.empty((BUFFER, WIDTH)), np.empty(WIDTH, dtype=np.int64)
+    b, indices = many_in(buffer), numbers_from(places, 0)
+    limit = common[TIME_LIMIT]
     worst = FINE
     for begin in range(0, wanted.size, WIDTH):
         count = min(WIDTH, wanted.size - begin)
         for j in range(WIDTH):
-            indices[j] = wanted[begin + min(j, count - 1)]
+            indices[j] = chosen[begin + min(j, count - 1)]
         lanes = (count + 3) & -4
         whole = is_block(indices)
-        load(rows, indices, lanes, whole, FIELDS, settings, actions, b)
+        load(kept, indices, lanes, whole, FIELDS, common, axes, asked, b)
         prepare(b, lanes)
-        adapt(b, count, settings[PERIOD], settings[TOLERANCE])
+        adapt(b, count, common[PERIOD], common[TOLERANCE])
         for j in range(count, lanes):
             for i in range(BUFFER):
                 b[i, j] = b[i, count - 1]
         settle(b, lanes)
-        set_again(rows, indices, lanes, b)
-        report(b, lanes, settings)
-        store(
-            rows, indices, lanes, whole, b, limit, ended, observations, outcomes, forces, rewards, terminated, truncated
-        )
+        set_again(kept, indices, lanes, b)
+        report(b, lanes, common)
+        store(kept, indices, lanes, whole, b, limit, size, pendulums, told)
         for j in range(count):
             if b[STATUS, j] != UNFINISHED:
                 worst = max(worst, int(b[STATUS, j]))
         if worst == TOO_MANY_STEPS:
             break
     keep(buffer)
+    keep(places)
     return worst
 
 

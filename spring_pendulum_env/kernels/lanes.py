@@ -120,10 +120,9 @@ def _keep(_typing: Any, array: Any) -> Any:
 def _block_of(_typing: Any, rows: Any, _number: Any) -> Any:
     many = Lanes(WIDTH)
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         size = context.get_constant(types.intp, FIELDS * WIDTH)
-        block = builder.gep(array.data, [builder.mul(arguments[1], size)])
+        block = builder.gep(arguments[0], [builder.mul(arguments[1], size)])
         return builder.bitcast(block, context.get_value_type(many))
 
     return many(rows, types.intp), generate
@@ -136,12 +135,16 @@ def _flat(_typing: Any, b: Any) -> Any:
     return POINTER(b), generate
 
 
-def _numbers_from(_typing: Any, array: Any, _first: Any) -> Any:
+def _numbers_from(_typing: Any, source: Any, _first: Any) -> Any:
+    kind = types.uint8 if source.dtype == types.boolean else source.dtype  # of which numba has no pointers
+
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        data = arguments[0]
+        if isinstance(source, types.Array):
+            data = context.make_array(signature.args[0])(context, builder, data).data
         return builder.gep(data, [arguments[1]])
 
-    return types.CPointer(array.dtype)(array, types.intp), generate
+    return types.CPointer(kind)(source, types.intp), generate
 
 
 def _put_side_by_side(_typing: Any, b: Any, _fields: Any, _lane: Any, to: Any, _pitch: Any) -> Any:
@@ -206,15 +209,16 @@ class _Plain:
 
     @staticmethod
     def block_of(rows: Any, number: int) -> Any:
-        return rows[number]
+        size = FIELDS * WIDTH
+        return rows[size * number : size * (number + 1)].reshape(FIELDS, WIDTH)
 
     @staticmethod
     def flat(b: Any) -> Any:
         return b.reshape(-1)
 
     @staticmethod
-    def numbers_from(array: Any, first: int) -> Any:
-        return array.reshape(-1)[first:]
+    def numbers_from(source: Any, first: int) -> Any:
+        return source.reshape(-1)[first:]
 
     @staticmethod
     def put_side_by_side(b: Any, fields: tuple[int, ...], lane: int, to: Any, pitch: int) -> None:
@@ -239,15 +243,15 @@ many_in: Any = _Plain.many_in if DISABLED else intrinsic(_many_in)
 keep: Any = _Plain.keep if DISABLED else intrinsic(_keep)
 """... by this after their last use: compiled code lets go of an array after its own."""
 
+numbers_from: Any = _Plain.numbers_from if DISABLED else intrinsic(_numbers_from)
+"""The address of an array's numbers, or of those at another address, from the `first` on, one after the other. Nobody
+looks whether a number is there, and none is counted from the end, which an access to an array would."""
+
 block_of: Any = _Plain.block_of if DISABLED else intrinsic(_block_of)
-"""The pendulums in a block of rows, by its number. As with what follows, nobody looks whether it is there, and nothing
-is counted from the end, which an access to an array would."""
+"""The pendulums in a block of rows at an address, by the block's number."""
 
 flat: Any = _Plain.flat if DISABLED else intrinsic(_flat)
 """All numbers of some lanes, one field after the other."""
-
-numbers_from: Any = _Plain.numbers_from if DISABLED else intrinsic(_numbers_from)
-"""The numbers of an array, which lie one after the other, from the `first` on."""
 
 put_side_by_side: Any = _Plain.put_side_by_side if DISABLED else intrinsic(_put_side_by_side)
 """Writes four fields of the four pendulums from `lane` on: one pendulum's side by side, those of the next `pitch`
