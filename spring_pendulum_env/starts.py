@@ -17,10 +17,7 @@ MOST_AHEAD = 64
 """Starts drawn at once, since asking a generator for a few numbers costs more than the numbers ..."""
 
 NUMBERS_AHEAD = 2**21
-"""... at most so many numbers for all rows, 16 MB ..."""
-
-FIRST_AHEAD = 4
-"""... and no more when a row is seeded, which may be all that it is asked for."""
+"""... and at most so many numbers for all rows, 16 MB."""
 
 WORDS = 6
 """Numbers that say where a generator is; int64, which every file format knows."""
@@ -51,7 +48,7 @@ class Starts:
             self._generators[row], _ = seeding.np_random(seed)
             self.taken[row] = self._size
             if self._ahead:
-                self._draw(row, min(FIRST_AHEAD, self._size))
+                self._draw(row, 1 + row % self._size)  # not as many for all, else all would run out at once
 
     def prepare(self, rows: NDArray[np.intp] | None = None) -> None:
         """Draws for those of some rows, or of all, of whose starts none is left."""
