@@ -12,7 +12,7 @@ import numpy as np
 from spring_pendulum_env.integrators import FINEST, REFINEMENT
 from spring_pendulum_env.jit import compiled, compiled_entry
 from spring_pendulum_env.kernels.lanes import block_of, keep, many_in, numbers_from
-from spring_pendulum_env.kernels.report import any_stayed, prepare, report, settle
+from spring_pendulum_env.kernels.report import prepare, report, settle
 from spring_pendulum_env.kernels.rows import load, load_constants, set_again, start, store
 from spring_pendulum_env.kernels.splitting import any_drag, split, split_with_drag
 from spring_pendulum_env.layout import (
@@ -158,8 +158,10 @@ def _step_batch(
     period, limit = common[PERIOD], common[TIME_LIMIT]
     alike = common[ALIKE] != 0.0
     fields = STATUS if alike else FIELDS  # beyond that only what stays the same is needed
+    dragged = False
     if alike and wanted.size > 0:
         load_constants(kept, chosen[0], b)
+        dragged = any_drag(b, WIDTH)
     worst = FINE
     for begin in range(0, wanted.size, CHUNK):
         waiting = min(CHUNK, wanted.size - begin)
@@ -175,18 +177,16 @@ def _step_batch(
                 lanes = (count + 3) & -4
                 load(kept, indices, lanes, whole, fields, common, axes, asked, b)
                 prepare(b, lanes)
-                if any_drag(b, lanes):
+                if dragged or (not alike and any_drag(b, lanes)):
                     split_with_drag(b, lanes, refinement, period)
                 else:
                     split(b, lanes, refinement, period)
-                settle(b, lanes)
-                if any_stayed(b, lanes):
+                stayed, guarded = settle(b, lanes)
+                if stayed:
                     set_again(kept, indices, lanes, b)
                 report(b, lanes, common)
-                guarded = False
                 wrong = False
                 for j in range(lanes):
-                    guarded |= b[GUARDED, j] != 0.0
                     wrong |= b[STATUS, j] != FINE
                 if guarded:
                     finest = refinement == FINEST

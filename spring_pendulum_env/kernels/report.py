@@ -60,8 +60,14 @@ def prepare(b, lanes):
 
 @compiled
 def settle(b, lanes):
-    """After a step: which pendulums have MOVED. The others must be set again."""
+    """After a step: which pendulums have MOVED. The others must be set again.
+
+    Returns:
+        Whether one of them hasn't MOVED; whether one was GUARDED.
+    """
     lanes = in_use(b, lanes)
+    stayed = False
+    near = False
     for j in range(lanes):
         total = (  # in pairs, which takes less time than one after the other
             ((b[0, j] + b[1, j]) + (b[2, j] + b[3, j])) + ((b[4, j] + b[5, j]) + (b[6, j] + b[7, j]))
@@ -78,16 +84,9 @@ def settle(b, lanes):
         b[STATUS, j] = status
         b[MOVED, j] = 1.0 if moved else 0.0
         b[LOST, j] = b[LOST, j] if moved else 0.0
-
-
-@compiled
-def any_stayed(b, lanes):
-    """Whether one of them hasn't MOVED."""
-    lanes = in_use(b, lanes)
-    stayed = False
-    for j in range(lanes):
-        stayed |= b[MOVED, j] == 0.0
-    return stayed
+        stayed |= not moved
+        near |= guarded
+    return stayed, near
 
 
 @compiled
