@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.extending import register_jitable
+from numba.extending import overload, register_jitable
 
 from spring_pendulum_env import integrators, physics, tasks
 
@@ -93,3 +93,9 @@ for _function in (
     integrators.approaches_zero,
 ):
     register_jitable(error_model="numpy")(_function)
+
+
+@overload(physics.one_where_zero, jit_options={"error_model": "numpy"})
+def _one_where_zero(d):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, ARG001
+    """The same as a choice, which is one instruction of the processor instead of four."""
+    return lambda d: 1.0 if d == 0.0 else 0.0
