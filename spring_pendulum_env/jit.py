@@ -95,7 +95,7 @@ for _function in (
     register_jitable(error_model="numpy")(_function)
 
 
-@overload(physics.one_where_zero, jit_options={"error_model": "numpy"})
-def _one_where_zero(d):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, ARG001
-    """The same as a choice, which is one instruction of the processor instead of four."""
-    return lambda d: 1.0 if d == 0.0 else 0.0
+@overload(physics.nonzero, jit_options={"error_model": "numpy"})
+def _nonzero(number):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """The same as a choice: two of the processor's instructions instead of six."""
+    return lambda number: number if number != 0.0 else 1.0

@@ -124,9 +124,9 @@ def length(dx: Scalar, dy: Scalar, dz: Scalar) -> Scalar:
     return (dx * dx + dy * dy + dz * dz) ** 0.5
 
 
-def one_where_zero(d: Scalar) -> Scalar:
-    """1 where a number is zero, else 0: what keeps a quotient by it finite."""
-    return 1 * (d == 0)
+def nonzero(number: Scalar) -> Scalar:
+    """A number, or 1 where it is zero: what keeps a quotient by it finite."""
+    return number + 1 * (number == 0)
 
 
 def spring_force(dx: Scalar, dy: Scalar, dz: Scalar, k: Scalar, L: Scalar) -> tuple[Scalar, Scalar, Scalar]:
@@ -135,7 +135,7 @@ def spring_force(dx: Scalar, dy: Scalar, dz: Scalar, k: Scalar, L: Scalar) -> tu
     A spring of exactly zero length pulls in no direction: d is zero there, and the comparison keeps L/|d| finite.
     """
     d = length(dx, dy, dz)
-    tension = k * (L / (d + one_where_zero(d)) - 1)
+    tension = k * (L / nonzero(d) - 1)
     return tension * dx, tension * dy, tension * dz
 
 
@@ -270,7 +270,7 @@ def energy_error(change: Scalar, start: Scalar) -> Scalar:
 
     Where a force drives or drag brakes, `change` is what remains after work and dissipation are taken off.
     """
-    return abs(change) / (abs(start) + one_where_zero(start))
+    return abs(change) / nonzero(abs(start))
 
 
 def fastest_frequency(w0: Scalar, w1: Scalar, w2: Scalar, k1: Scalar, k2: Scalar) -> Scalar:

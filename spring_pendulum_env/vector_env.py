@@ -445,7 +445,9 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
             forces = np.where(chosen[:, None], forces, 0.0)
             for name, values in constants.items():
                 constants[name] = chosen if name.startswith("_") else np.where(chosen, values, 0.0)
-        infos = self._told.copy() if chosen is self._all else dict.fromkeys(self._told, chosen)
+        infos: dict[str, Any] = self._told.copy()
+        if chosen is not self._all:
+            infos = dict.fromkeys(infos, chosen)
         infos.update(zip(self._numbers, outcomes, strict=False))  # of the passive task there are no reward terms
         infos["parameters"] = constants
         if self._actuated:
