@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba import types
 from numba.extending import overload, register_jitable
 
 from spring_pendulum_env import integrators, physics, tasks
+from spring_pendulum_env.physics import Scalar
 
 FOLDER = Path(__file__).parent
 COMPILED = ("physics", "equilibria", "integrators", "tasks", "scenario", "layout", "jit")
@@ -96,6 +98,10 @@ for _function in (
 
 
 @overload(physics.nonzero, jit_options={"error_model": "numpy"})
-def _nonzero(number):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """The same as a choice: two of the processor's instructions instead of six."""
-    return lambda number: number if number != 0.0 else 1.0
+def _nonzero(number: Scalar) -> Scalar:
+    """Of a float the same as a choice: two of the processor's instructions instead of six."""
+
+    def choice(number: Scalar) -> Scalar:
+        return number if number != 0.0 else 1.0
+
+    return choice if isinstance(number, types.Float) else physics.nonzero

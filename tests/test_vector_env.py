@@ -16,11 +16,13 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import NormalizeObservation, NormalizeReward, RecordEpisodeStatistics
 
 import spring_pendulum_env
+from spring_pendulum_env.jit import DISABLED
+from spring_pendulum_env.kernels import batch
 from spring_pendulum_env.starts import MOST_AHEAD
 from spring_pendulum_env.tasks import TASKS
 
 IDS = list(TASKS)
-DAMPING = "SpringPendulumDamping-v0"
+DAMPING, PASSIVE = "SpringPendulumDamping-v0", "SpringPendulumPassive-v0"
 WILD = {"randomise": {"k1": (60, 400), "R1": (0, 0.2)}, "start_scale": 2.0, "parameters": {"m1": 1.5}}
 
 
@@ -421,3 +423,59 @@ def test_rows_that_ended_still_have_after_a_reset_that_overflows() -> None:
     with pytest.raises(FloatingPointError):
         env.reset(options={"state": np.full(18, 1e160)})
     assert np.isfinite(env.step(np.zeros((3, 3)))[0]).all()
+
+
+@pytest.mark.skipif(DISABLED, reason="nothing is compiled")
+def test_actions_of_any_kind_of_array_mean_the_same_and_compile_no_other_step() -> None:
+    env = gym.make_vec(DAMPING, num_envs=70)
+    numbers = np.random.default_rng(0).uniform(-1.0, 1.0, (70, 3)).astype(np.float32)
+    read_only = numbers.astype(np.float64)
+    read_only.flags.writeable = False
+    kinds = (
+        numbers,
+        read_only,
+        np.asfortranarray(numbers),
+        numbers[::-1][::-1],
+        numbers.tolist(),
+        numbers.astype(">f4"),
+    )
+    env.reset(seed=0)
+    expected = env.step(numbers)
+    known = len(batch.step_batch.signatures)
+    for actions in kinds:
+        env.reset(seed=0)
+        for one, other in zip(env.step(actions), expected, strict=True):
+            assert_same_bits(one, other)
+    assert len(batch.step_batch.signatures) == known
+
+
+def test_rows_run_out_of_starts_at_different_times() -> None:
+    """Else one step in many would have to draw for all of them."""
+    env: Any = gym.make_vec(DAMPING, num_envs=4 * MOST_AHEAD, max_episode_steps=1)
+    env.reset(seed=0)
+    drawn = []
+    for _ in range(3 * MOST_AHEAD):
+        before = env._starts.taken.copy()
+        env.step(np.zeros((4 * MOST_AHEAD, 3)))
+        drawn.append(np.count_nonzero(env._starts.taken < before))
+    assert sum(drawn) > 4 * MOST_AHEAD
+    assert max(drawn) <= 8
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_rows_that_end_in_a_step_that_fails_for_others_have_ended(mode: AutoresetMode) -> None:
+    """The next step starts them anew, or says that they must be reset."""
+    env: Any = gym.make_vec(PASSIVE, num_envs=2, max_episode_steps=1, autoreset_mode=mode, tolerance=None)
+    env.reset(seed=0)
+    overflows = {"parameters": {"k1": [100.0, 0.0], "k2": [100.0, 0.0], "g": [9.81, 1e300]}}
+    env.reset(options=overflows)
+    with pytest.raises(FloatingPointError, match="rows 1"):
+        env.step(None)
+    if mode == AutoresetMode.DISABLED:
+        with pytest.raises(gym.error.ResetNeeded, match="rows 0"):
+            env.step(None)
+    env.reset(options={"reset_mask": np.array([False, True])})
+    if mode == AutoresetMode.NEXT_STEP:
+        _, _, _, truncated, infos = env.step(None)
+        assert infos["time"].tolist() == [0.0, 0.02]
+        assert truncated.tolist() == [False, True]

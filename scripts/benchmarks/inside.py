@@ -42,7 +42,12 @@ def integration_steps(control_period: float, constants: tuple[float, ...]) -> in
 
 def placed(size: int, control_period: float = 0.02, start_scale: float = 1.0) -> tuple[FloatArray, FloatArray, int]:
     """Rows for the compiled step, started as the damping task starts them, its settings, and the number of rows."""
-    scenario = Scenario.of(tasks.task_named("damping"), control_period=control_period, start_scale=start_scale)
+    scenario = Scenario.of(
+        tasks.task_named("damping"),
+        control_period=control_period,
+        start_scale=start_scale,
+        anchor_travel=1e9,  # so that no row ends, and none needs a start
+    )
     rows = np.zeros((-(-size // WIDTH), FIELDS, WIDTH))
     random = np.random.default_rng(0)
     states = np.array([scenario.draw(random, None)[1] for _ in range(size)])
@@ -64,6 +69,6 @@ def stepping(rows: FloatArray, settings: FloatArray, size: int) -> Callable[[], 
         np.empty(size, dtype=np.bool_),
         np.empty(size, dtype=np.bool_),
     )
-    nobody = np.zeros(size, dtype=np.bool_)  # has ended, so no start is needed
+    nobody = np.zeros(size, dtype=np.bool_)  # has ended
     starts = np.empty(FIELDS + START_NUMBERS), np.empty((size, 1, START_NUMBERS)), np.zeros(size, dtype=np.int64)
     return partial(step_batch, rows, np.arange(size), nobody, *starts, settings, actions, *outputs)

@@ -63,6 +63,11 @@ def _ratios(plt: Any, records: Sequence[Record]) -> Any:
     axes.axvline(1, color=INK, linewidth=1)
     axes.set_xscale("log")
     axes.set_xlim(right=axes.get_xlim()[1] * 2.5)
+    low, high = axes.get_xlim()
+    marks = [mark * 10.0**power for power in range(-3, 5) for mark in (1, 2, 5)]
+    marks = [mark for mark in marks if low <= mark <= high]
+    axes.set_xticks(marks, [f"{mark:g}" for mark in marks])
+    axes.set_xticks([], minor=True)
     axes.set_yticks(range(len(records)), [f"{record.what}: {record.beside}" for record in records], fontsize=8)
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(len(records) - 0.4, -0.6)
