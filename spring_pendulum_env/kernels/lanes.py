@@ -160,6 +160,7 @@ def _put_side_by_side(_typing: Any, b: Any, _fields: Any, _lane: Any, to: Any, _
             width = context.get_constant(types.intp, b.width)
             address = builder.gep(lanes, [builder.add(builder.mul(field, width), lane)])
             across.append(builder.load(builder.bitcast(address, kind.as_pointer()), align=8))
+        # Pairs of fields are interleaved, then pairs of pairs: a matrix of four by four is transposed.
         low1, high1 = shuffled(across[0], across[1], 0, 4, 2, 6), shuffled(across[0], across[1], 1, 5, 3, 7)
         low2, high2 = shuffled(across[2], across[3], 0, 4, 2, 6), shuffled(across[2], across[3], 1, 5, 3, 7)
         along = [
