@@ -420,7 +420,7 @@ class SpringPendulumVectorEnv(VectorEnv[FloatArray, Any, Any]):
         if actions is None and not self.scenario.task.actuated:
             return self._no_actions
         shape = self._actions.shape
-        usual = type(actions) is np.ndarray and actions.dtype is FLOAT32
+        usual = type(actions) is np.ndarray and actions.dtype is FLOAT32 and actions.flags.c_contiguous
         try:
             numbers = actions if usual else real_numbers(actions)
         except (TypeError, ValueError, OverflowError):

@@ -24,19 +24,21 @@ def measure(bench: Bench) -> None:
             seconds.append(printed_number(once.format(module)) or math.nan)
     alone, ours = (np.array(seconds[1:]) for seconds in imports.values())
     bench.compare("start", "import spring_pendulum_env", ours, "import gymnasium", alone, IMPORT)
-    cold, warm = [], []
-    for _ in range(max(1, bench.effort.starts // 2)):
-        with tempfile.TemporaryDirectory() as folder:
-            cold.append(printed_number(_FIRST_STEP.format(id=DAMPING), NUMBA_CACHE_DIR=folder) or math.nan)
-            warm.append(printed_number(_FIRST_STEP.format(id=DAMPING), NUMBA_CACHE_DIR=folder) or math.nan)
-    bench.add("start", "first make, reset and step, nothing compiled", "", cold, "s", COLD)
-    bench.add("start", "first make, reset and step, compiled before", "", warm, "s", WARM)
+    for call, cold_target, warm_target in (("make", COLD, WARM), ("make_vec", None, None)):
+        program = _FIRST_STEP.format(call=call, id=DAMPING)
+        cold, warm = [], []
+        for _ in range(max(1, bench.effort.starts // 2)):
+            with tempfile.TemporaryDirectory() as folder:
+                cold.append(printed_number(program, NUMBA_CACHE_DIR=folder) or math.nan)
+                warm.append(printed_number(program, NUMBA_CACHE_DIR=folder) or math.nan)
+        bench.add("start", f"first {call}, reset and step, nothing compiled", "", cold, "s", cold_target)
+        bench.add("start", f"first {call}, reset and step, compiled before", "", warm, "s", warm_target)
 
 
 _FIRST_STEP = """
 import time, gymnasium as gym, spring_pendulum_env
 begin = time.process_time()
-env = gym.make("{id}")
+env = gym.{call}("{id}")
 env.reset(seed=0)
 env.step(env.action_space.sample())
 print(time.process_time() - begin)
