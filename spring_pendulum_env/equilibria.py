@@ -107,7 +107,7 @@ def vertical_state(height1: float, height2: float) -> FloatArray:
     state = np.zeros(18)
     state[5] = height1
     state[8] = height1 + height2
-    return state
+    return state + 0.0  # without negative zeros, see layout.KNOWN
 
 
 def equilibrium(parameters: Parameters | Mapping[str, float] | None, name: str) -> FloatArray:

@@ -85,7 +85,10 @@ ALIKE = AXIS_SLOTS + 3  # 1 where all pendulums have the same constants, which t
 SETTINGS = ALIKE + 1
 
 KEPT = BUFFER  # 18: in a cell, the state before the step
-CELL_SETTINGS = KEPT + 18
+KNOWN = KEPT + 18
+"""1 in a cell whose SPRINGS hold the forces at its state, from the last kick of the step before. They have the bits of
+those that a batch computes anew, unless a coordinate is a negative zero, which no start has."""
+CELL_SETTINGS = KNOWN + 1
 SPREAD = CELL_SETTINGS + SETTINGS  # START_NUMBERS: standard deviations of the start ...
 NOISE = SPREAD + START_NUMBERS  # ... and as many normal numbers, by which one that is FRESH is displaced if it is
 DISPLACED = 2.0  # instead of 1

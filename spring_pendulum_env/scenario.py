@@ -274,7 +274,7 @@ class Scenario:
             ValueError: wrong shape, not finite, or a held axis of the anchor that moves.
         """
         try:
-            given = real_numbers(state).copy()
+            given = real_numbers(state) + 0.0  # a copy without negative zeros, see layout.KNOWN
         except (TypeError, ValueError, OverflowError):
             raise ValueError(f"state = {state!r}: must be {self.state_size} numbers") from None
         if given.shape != (self.state_size,):

@@ -479,3 +479,16 @@ def test_rows_that_end_in_a_step_that_fails_for_others_have_ended(mode: Autorese
         _, _, _, truncated, infos = env.step(None)
         assert infos["time"].tolist() == [0.0, 0.02]
         assert truncated.tolist() == [False, True]
+
+
+def test_negative_zeros_of_a_start_are_zeros() -> None:
+    """A single pendulum keeps the forces of its last kick for the next step; a batch computes them anew."""
+    state = np.r_[np.full(5, -0.0), -1.2, 0.4, -0.0, -2.2, np.full(9, -0.0)]
+    single, batched = gym.make(DAMPING), gym.make_vec(DAMPING, num_envs=2)
+    observation = single.reset(options={"state": state})[0]
+    assert not np.signbit(observation[observation == 0.0]).any()
+    assert observation.tobytes() == batched.reset(options={"state": state})[0][1].tobytes()
+    for action in ([0.3, -0.0, 0.1], [-0.0, -0.0, -0.0], [0.0, -0.0, -0.5], [0.2, 0.0, 0.2]) * 5:
+        one, many = single.step(np.array(action)), batched.step(np.array([action] * 2))
+        assert one[0].tobytes() == many[0][1].tobytes()
+        assert one[1] == many[1][1]

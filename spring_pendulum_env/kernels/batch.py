@@ -180,7 +180,7 @@ def _step_batch(
                 if dragged or (not alike and any_drag(b, lanes)):
                     split_with_drag(b, lanes, refinement, period)
                 else:
-                    split(b, lanes, refinement, period)
+                    split(b, lanes, refinement, period, False)
                 stayed, guarded = settle(b, lanes)
                 if stayed:
                     set_again(kept, indices, lanes, b)

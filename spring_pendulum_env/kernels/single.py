@@ -28,6 +28,7 @@ from spring_pendulum_env.layout import (
     FRESH,
     GUARDED,
     KEPT,
+    KNOWN,
     LOST_TO_DRAG,
     MAX_FORCE,
     MOVED,
@@ -56,6 +57,8 @@ def enter(b, x, y, z):
             place = BODY_STATE[i]
             b[place, 0] = tasks.displaced(b[place, 0], b[SPREAD + i, 0], b[NOISE + i, 0])
         b[FRESH, 0] = 1.0
+    if b[FRESH, 0] != 0.0:
+        b[KNOWN, 0] = 0.0
     scale = b[CELL_SETTINGS + MAX_FORCE, 0] if b[FRESH, 0] == 0.0 else 0.0
     b[FORCE, 0] = scale * min(max(x, -1.0), 1.0)
     b[FORCE + 1, 0] = scale * min(max(y, -1.0), 1.0)
@@ -87,7 +90,8 @@ def told(b, status):
 
 @compiled
 def _set_back(b):
-    """The state before the step."""
+    """The state before the step, at which no forces are known."""
+    b[KNOWN, 0] = 0.0
     for i in range(18):
         b[i, 0] = b[KEPT + i, 0]
 
@@ -126,9 +130,10 @@ def _advance(address, x, y, z):
     enter(b, x, y, z)
     while refinement <= FINEST:
         prepare(b, one)
-        split(b, one, refinement, b[CELL_SETTINGS + PERIOD, 0])
+        split(b, one, refinement, b[CELL_SETTINGS + PERIOD, 0], b[KNOWN, 0] != 0.0)
         settle(b, one)
         if b[GUARDED, 0] == 0.0:
+            b[KNOWN, 0] = b[MOVED, 0]
             return leave(b, floats_at(address + SETTINGS_AT))
         _set_back(b)
         refinement *= REFINEMENT

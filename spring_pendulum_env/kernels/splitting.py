@@ -128,24 +128,28 @@ def _guard(b, lanes, step):
 
 
 @compiled
-def split(b, lanes, refinement, period):
+def split(b, lanes, refinement, period, known):
     """A period, s, by the symplectic splitting, in steps `refinement` times finer than usual, without drag.
 
     The pendulums need as many steps. Those of which a spring is too close to zero length before or after a step are
     GUARDED then.
+
+    Args:
+        known: whether SPRINGS holds the forces at the state already.
     """
     steps = int(b[STEPS, 0]) * refinement
     step = period / steps
     for n in range(steps):
         _guard(b, lanes, step)
         # The last drift is none, so the forces of the last kick in a step are those of the first in the next.
-        _stages(b, lanes, 0, STAGES, step, n > 0)
+        _stages(b, lanes, 0, STAGES, step, known or n > 0)
     _guard(b, lanes, step)
 
 
 @compiled
 def split_with_drag(b, lanes, refinement, period):
-    """As `split`, with drag; of those without it the bits are the same. Two functions, since most need only one."""
+    """As `split`, with drag, and nothing known; of those without drag the bits are the same. Two functions, since most
+    need only one."""
     steps = int(b[STEPS, 0]) * refinement
     step = period / steps
     _drag(b, lanes, step)
