@@ -182,6 +182,16 @@ def template(scenario: Scenario, parameters: Parameters) -> FloatArray:
     return fields
 
 
+def cell(scenario: Scenario, state: FloatArray) -> FloatArray:
+    """A pendulum on its way from a state, shape (18,), in a cell, shape (CELL,)."""
+    numbers = np.zeros(CELL)
+    numbers[:FIELDS] = template(scenario, scenario.parameters)
+    numbers[STATE : STATE + 18] = state
+    numbers[FRESH] = 0.0
+    numbers[CELL_SETTINGS:SPREAD] = settings_of(scenario)
+    return numbers
+
+
 def fill(rows: FloatArray, indices: NDArray[np.intp], fields: FloatArray, states: FloatArray) -> None:
     """Puts pendulums in their places in `rows`; those that are as usual `kernels.place` puts there faster.
 

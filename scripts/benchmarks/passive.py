@@ -7,6 +7,7 @@ is, and the fastest of that rung and the next finer ones is taken.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -25,6 +26,7 @@ from benchmarks.solvers import (
     heyoka_lanes,
     heyoka_solver,
     scipy_solver,
+    simulate_solver,
     vector_solver,
 )
 from spring_pendulum_env import Parameters, energy, integrators
@@ -37,17 +39,20 @@ SAMPLES = 101
 FINER = 2
 """How many finer settings must be accurate too, lest one that is so by chance is taken."""
 
+SIMULATE = "simulate, splitting"
 SPLITTING, ADAPTIVE = "environment, splitting", "environment, adaptive"
 VECTOR = "vector environment, splitting"
 HEYOKA_ONE, HEYOKA_MANY = "heyoka", "heyoka, batch mode"
 SCIPY_ONE, SCIPY_COMPILED = "SciPy DOP853", "SciPy DOP853, compiled equations"
 Pair = tuple[str, str, Target | None]
 FAST_PAIRS: list[Pair] = [
+    (SIMULATE, HEYOKA_ONE, HEYOKA),
     (SPLITTING, HEYOKA_ONE, HEYOKA),
     (ADAPTIVE, HEYOKA_ONE, HEYOKA),
     (VECTOR, HEYOKA_MANY, HEYOKA),
 ]
 SLOW_PAIRS: list[Pair] = [
+    (SIMULATE, SCIPY_ONE, SCIPY),
     (SPLITTING, SCIPY_ONE, SCIPY),
     (VECTOR, SCIPY_ONE, SCIPY),
     (SPLITTING, SCIPY_COMPILED, None),
@@ -116,6 +121,7 @@ def _entries(bench: Bench, start: FloatArray, times: FloatArray) -> dict[str, En
     except SkippedError:
         lanes = 1
     return {
+        SIMULATE: Entry(partial(simulate_solver, start, times), free_ladder(interval)),
         SPLITTING: Entry(partial(environment_solver, start, times), steps),
         ADAPTIVE: Entry(partial(environment_solver, start, times), tolerances(-6, -14)),
         VECTOR: Entry(partial(vector_solver, start, times, rows), steps, rows),
@@ -128,6 +134,12 @@ def _entries(bench: Bench, start: FloatArray, times: FloatArray) -> dict[str, En
 def tolerances(coarsest: float, finest: float) -> list[float]:
     """Powers of ten between two exponents, four to a decade."""
     return [10.0**exponent for exponent in np.arange(coarsest, finest - 0.1, -0.25)]
+
+
+def free_ladder(interval: float) -> list[int]:
+    """Numbers of steps in an interval, from steps of 0.06 s to such of 0.002 s, each two per cent finer."""
+    coarsest, finest = interval / 0.06, interval / 0.002
+    return sorted({math.ceil(coarsest * 1.02**rung) for rung in range(math.ceil(math.log(finest / coarsest, 1.02)))})
 
 
 def steps_ladder(interval: float) -> list[int]:

@@ -67,6 +67,15 @@ def environment_solver(start: FloatArray, times: FloatArray) -> Solver:
     return solve
 
 
+def simulate_solver(start: FloatArray, times: FloatArray) -> Solver:
+    """`simulate` by the splitting, all of the run in one call."""
+
+    def solve(setting: Any) -> FloatArray:
+        return simulate(None, start, times, "splitting", step=float(times[1] - times[0]) / setting).states
+
+    return solve
+
+
 def vector_solver(start: FloatArray, times: FloatArray, rows: int) -> Solver:
     """The vector environment likewise, every row the same motion; the states of the last row."""
     made: dict[Any, Any] = {}

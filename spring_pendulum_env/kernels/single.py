@@ -89,7 +89,7 @@ def told(b, status):
 
 
 @compiled
-def _set_back(b):
+def set_back(b):
     """The state before the step, at which no forces are known."""
     b[KNOWN, 0] = 0.0
     for i in range(18):
@@ -104,7 +104,7 @@ def leave(b, settings):
         settings: those of the cell, from its first on.
     """
     if b[MOVED, 0] == 0.0:
-        _set_back(b)
+        set_back(b)
     report(b, np.int64(1), settings)
     return told(b, np.int64(b[STATUS, 0]))
 
@@ -135,7 +135,7 @@ def _advance(address, x, y, z):
         if b[GUARDED, 0] == 0.0:
             b[KNOWN, 0] = b[MOVED, 0]
             return leave(b, floats_at(address + SETTINGS_AT))
-        _set_back(b)
+        set_back(b)
         refinement *= REFINEMENT
     return told(b, np.int64(UNFINISHED))
 
@@ -154,7 +154,7 @@ def _advance_with_drag(address, x, y, z):
         settle(b, one)
         if b[GUARDED, 0] == 0.0:
             return leave(b, floats_at(address + SETTINGS_AT))
-        _set_back(b)
+        set_back(b)
         refinement *= REFINEMENT
     return told(b, np.int64(UNFINISHED))
 
