@@ -9,7 +9,7 @@ from typing import Any
 from benchmarks.report import Record, number
 
 BLUE, RED, GREY, INK = "#2b6cb0", "#c05621", "#a0aec0", "#2d3748"
-FAMILY = ("#2b6cb0", "#c05621", "#2f855a", "#6b46c1", "#b7791f", "#4a5568")
+FAMILY = ("#2b6cb0", "#c05621", "#2f855a", "#6b46c1", "#b7791f", "#4a5568", "#d53f8c")
 
 
 def draw(folder: Path, about: Mapping[str, Any], records: Sequence[Record], curves: Mapping[str, Any]) -> list[Path]:
@@ -62,7 +62,7 @@ def _ratios(plt: Any, records: Sequence[Record]) -> Any:
         )
     axes.axvline(1, color=INK, linewidth=1)
     axes.set_xscale("log")
-    axes.set_xlim(right=axes.get_xlim()[1] * 2.5)
+    axes.set_xlim(right=axes.get_xlim()[1] * 5.0)
     low, high = axes.get_xlim()
     marks = [mark * 10.0**power for power in range(-3, 5) for mark in (1, 2, 5)]
     marks = [mark for mark in marks if low <= mark <= high]

@@ -49,6 +49,8 @@ def _periods(setting: Any, times: FloatArray) -> tuple[int, dict[str, Any]]:
 
 def environment_solver(start: FloatArray, times: FloatArray) -> Solver:
     """The environment, in control periods as long as the setting allows."""
+    for tolerance in (None, 1e-6):  # compiles it
+        gym.make(PASSIVE, tolerance=tolerance).reset(options={"state": start})
     made: dict[Any, Any] = {}
 
     def solve(setting: Any) -> FloatArray:
@@ -69,6 +71,7 @@ def environment_solver(start: FloatArray, times: FloatArray) -> Solver:
 
 def simulate_solver(start: FloatArray, times: FloatArray) -> Solver:
     """`simulate` by the splitting, all of the run in one call."""
+    simulate(None, start, times[:2], "splitting")  # compiles it
 
     def solve(setting: Any) -> FloatArray:
         return simulate(None, start, times, "splitting", step=float(times[1] - times[0]) / setting).states
@@ -78,6 +81,7 @@ def simulate_solver(start: FloatArray, times: FloatArray) -> Solver:
 
 def vector_solver(start: FloatArray, times: FloatArray, rows: int) -> Solver:
     """The vector environment likewise, every row the same motion; the states of the last row."""
+    gym.make_vec(PASSIVE, num_envs=1, tolerance=None).reset(options={"state": start})  # compiles it
     made: dict[Any, Any] = {}
 
     def solve(setting: Any) -> FloatArray:
