@@ -45,7 +45,7 @@ def _run(address, periods):
         if b[MOVED, 0] == 0.0:
             set_back(b)
             return done
-        b[KNOWN, 0] = 0.0 if dragged else 1.0
+        b[KNOWN, 0] = 1.0
     return periods
 
 
