@@ -19,6 +19,25 @@ from spring_pendulum_env.tasks import task_named
 FloatArray = NDArray[np.float64]
 
 
+class _Info:
+    """The entries of an info, as attributes: Python makes a dict of an object's attributes, whose names all objects of the
+    class share, in two thirds of the time that it takes to fill one."""
+
+    time: float
+    energy: float
+    excess_energy: float
+    energy_error: float
+    work: float
+    dissipated: float
+    parameters: dict[str, float]
+    force: FloatArray
+    reward_energy: float
+    reward_posture: float
+    reward_stillness: float
+    reward_centring: float
+    reward_effort: float
+
+
 class SpringPendulumEnv(gym.Env[FloatArray, Any]):
     """
     ## Description
@@ -288,35 +307,32 @@ class SpringPendulumEnv(gym.Env[FloatArray, Any]):
             told = self._second_try(told, action)
         if self._on_screen:
             self.render()
-        _, time, energy, excess, error, work, dissipated, reward, ended, r0, r1, r2, r3, r4 = told
-        info: dict[str, Any]
-        if self._actuated:  # in one display each, since a mapping that grows takes half as long again
-            info = {
-                "time": time,
-                "energy": energy,
-                "excess_energy": excess,
-                "energy_error": error,
-                "work": work,
-                "dissipated": dissipated,
-                "parameters": self._constants.copy(),
-                "force": self._copy_force(),
-                "reward_energy": r0,
-                "reward_posture": r1,
-                "reward_stillness": r2,
-                "reward_centring": r3,
-                "reward_effort": r4,
-            }
-        else:
-            info = {
-                "time": time,
-                "energy": energy,
-                "excess_energy": excess,
-                "energy_error": error,
-                "work": work,
-                "dissipated": dissipated,
-                "parameters": self._constants.copy(),
-            }
-        return self._observe(), reward, ended, False, info
+        info = _Info()
+        (
+            _,
+            info.time,
+            info.energy,
+            info.excess_energy,
+            info.energy_error,
+            info.work,
+            info.dissipated,
+            reward,
+            ended,
+            energy,
+            posture,
+            stillness,
+            centring,
+            effort,
+        ) = told
+        info.parameters = self._constants.copy()
+        if self._actuated:
+            info.force = self._copy_force()
+            info.reward_energy = energy
+            info.reward_posture = posture
+            info.reward_stillness = stillness
+            info.reward_centring = centring
+            info.reward_effort = effort
+        return self._observe(), reward, ended, False, info.__dict__
 
     def render(self) -> Any:
         """A frame, shape (height, width, 3), uint8, in mode "rgb_array"; shows one on the screen in mode "human".

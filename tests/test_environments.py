@@ -335,6 +335,21 @@ def test_observation_and_info_are_fresh_objects(env: gym.Env[Any, Any]) -> None:
     assert new["parameters"] == kept_parameters
 
 
+def test_an_info_is_a_plain_dict_whatever_was_put_into_others(env: gym.Env[Any, Any]) -> None:
+    """All infos share the names that Python keeps of them."""
+    _, first = env.reset(seed=0)
+    names = list(first)
+    for number in range(40):
+        *_, info = env.step(env.action_space.sample())
+        assert type(info) is dict
+        assert list(info) == names
+        info[f"of a wrapper {number}"] = number
+        del info["energy"]
+    assert list(first) == names
+    copied = pickle.loads(pickle.dumps(info))
+    assert list(copied) == list(info) == [name for name in names if name != "energy"] + ["of a wrapper 39"]
+
+
 def test_passive_and_all_axes_held_give_the_same_bits() -> None:
     for tolerance in (None, 1e-13):
         drag = {"R1": 0.2, "R2": 0.1}
