@@ -11,7 +11,7 @@ from spring_pendulum_env.kernels.batch import is_block
 from spring_pendulum_env.kernels.dormand_prince import adapt
 from spring_pendulum_env.kernels.lanes import floats_at, keep, many_in, numbers_from, one_at
 from spring_pendulum_env.kernels.report import prepare, report, settle
-from spring_pendulum_env.kernels.rows import load, set_again, store
+from spring_pendulum_env.kernels.rows import addresses, load, set_again, store
 from spring_pendulum_env.kernels.single import SETTINGS_AT, enter, leave, told
 from spring_pendulum_env.layout import (
     BAD_ACTION,
@@ -50,10 +50,7 @@ def _step_batch_adaptively(
     size = observations.shape[1]
     kept, chosen = numbers_from(rows, 0), numbers_from(wanted, 0)
     asked, common = numbers_from(actions, 0), numbers_from(settings, 0)
-    told = (
-        numbers_from(observations, 0), numbers_from(outcomes, 0), numbers_from(forces, 0), numbers_from(rewards, 0),
-        numbers_from(terminated, 0), numbers_from(truncated, 0), numbers_from(ended, 0),
-    )  # fmt: skip
+    told = addresses(observations, outcomes, forces, rewards, terminated, truncated, ended)
     buffer, places = np.empty((BUFFER, WIDTH)), np.empty(WIDTH, dtype=np.int64)
     b, indices = many_in(buffer), numbers_from(places, 0)
     limit = common[TIME_LIMIT]

@@ -13,7 +13,7 @@ from spring_pendulum_env.integrators import FINEST, REFINEMENT
 from spring_pendulum_env.jit import compiled, compiled_entry
 from spring_pendulum_env.kernels.lanes import block_of, keep, many_in, numbers_from
 from spring_pendulum_env.kernels.report import prepare, report, settle
-from spring_pendulum_env.kernels.rows import load, load_constants, set_again, start, store
+from spring_pendulum_env.kernels.rows import addresses, load, load_constants, set_again, start, store
 from spring_pendulum_env.kernels.splitting import any_drag, split, split_with_drag
 from spring_pendulum_env.layout import (
     ALIKE,
@@ -143,10 +143,7 @@ def _step_batch(
     size, ahead = observations.shape[1], numbers.shape[1]
     kept, chosen, over = numbers_from(rows, 0), numbers_from(wanted, 0), numbers_from(ended, 0)
     asked, common = numbers_from(actions, 0), numbers_from(settings, 0)
-    told = (
-        numbers_from(observations, 0), numbers_from(outcomes, 0), numbers_from(forces, 0), numbers_from(rewards, 0),
-        numbers_from(terminated, 0), numbers_from(truncated, 0), over,
-    )  # fmt: skip
+    told = addresses(observations, outcomes, forces, rewards, terminated, truncated, ended)
     emptied = False
     for n in range(wanted.size):
         if over[chosen[n]]:

@@ -104,6 +104,15 @@ def set_again(rows, indices, lanes, b):
 
 
 @compiled
+def addresses(observations, outcomes, forces, rewards, terminated, truncated, ended):
+    """Of what `store` is told to write."""
+    return (
+        numbers_from(observations, 0), numbers_from(outcomes, 0), numbers_from(forces, 0), numbers_from(rewards, 0),
+        numbers_from(terminated, 0), numbers_from(truncated, 0), numbers_from(ended, 0),
+    )  # fmt: skip
+
+
+@compiled
 def store(rows, indices, lanes, whole, b, limit, size, pendulums, told):
     """From the lanes: what a step changed, and what it tells. A pendulum that was just placed has made no step: it gets
     no reward, and doesn't end.
@@ -112,7 +121,7 @@ def store(rows, indices, lanes, whole, b, limit, size, pendulums, told):
         limit: steps after which an episode is truncated.
         size: numbers of an observation.
         pendulums: how many there are.
-        told: what is written: observations, outcomes, forces, rewards, ends by the task, by time, and by either.
+        told: the `addresses` of what is written: ends are those by the task, by time, and by either.
     """
     if whole:
         _store_block(rows, indices[0], lanes, b, limit, size, pendulums, told)

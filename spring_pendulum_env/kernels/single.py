@@ -109,6 +109,40 @@ def leave(b, settings):
     return told(b, np.int64(b[STATUS, 0]))
 
 
+@compiled
+def period(b):
+    """A control period without drag, in steps as fine as it needs; whether it came to an end. If not, it is left to the
+    adaptive scheme, and the state is as before."""
+    one = np.int64(1)  # of a plain 1 numba would compile what is handed it a second time
+    refinement = one
+    while refinement <= FINEST:
+        prepare(b, one)
+        split(b, one, refinement, b[CELL_SETTINGS + PERIOD, 0], b[KNOWN, 0] != 0.0)
+        settle(b, one)
+        if b[GUARDED, 0] == 0.0:
+            b[KNOWN, 0] = b[MOVED, 0]
+            return True
+        set_back(b)
+        refinement *= REFINEMENT
+    return False
+
+
+@compiled
+def period_with_drag(b):
+    """As `period`, with drag. It repeats its lines: numba can't cache a function that is handed the scheme."""
+    one = np.int64(1)
+    refinement = one
+    while refinement <= FINEST:
+        prepare(b, one)
+        split_with_drag(b, one, refinement, b[CELL_SETTINGS + PERIOD, 0])
+        settle(b, one)
+        if b[GUARDED, 0] == 0.0:
+            return True
+        set_back(b)
+        refinement *= REFINEMENT
+    return False
+
+
 def _advance(address, x, y, z):
     """One control period of a single pendulum under the action (x, y, z), in units of max_force, by the splitting.
 
@@ -125,37 +159,20 @@ def _advance(address, x, y, z):
     b = one_at(address)
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         return told(b, np.int64(BAD_ACTION))
-    one = np.int64(1)  # of a plain 1 numba would compile what is handed it a second time
-    refinement = one
     enter(b, x, y, z)
-    while refinement <= FINEST:
-        prepare(b, one)
-        split(b, one, refinement, b[CELL_SETTINGS + PERIOD, 0], b[KNOWN, 0] != 0.0)
-        settle(b, one)
-        if b[GUARDED, 0] == 0.0:
-            b[KNOWN, 0] = b[MOVED, 0]
-            return leave(b, floats_at(address + SETTINGS_AT))
-        set_back(b)
-        refinement *= REFINEMENT
+    if period(b):
+        return leave(b, floats_at(address + SETTINGS_AT))
     return told(b, np.int64(UNFINISHED))
 
 
 def _advance_with_drag(address, x, y, z):
-    """As `_advance`, with drag. It repeats its lines: numba can't cache a function that is handed the scheme."""
+    """As `_advance`, with drag."""
     b = one_at(address)
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         return told(b, np.int64(BAD_ACTION))
-    one = np.int64(1)
-    refinement = one
     enter(b, x, y, z)
-    while refinement <= FINEST:
-        prepare(b, one)
-        split_with_drag(b, one, refinement, b[CELL_SETTINGS + PERIOD, 0])
-        settle(b, one)
-        if b[GUARDED, 0] == 0.0:
-            return leave(b, floats_at(address + SETTINGS_AT))
-        set_back(b)
-        refinement *= REFINEMENT
+    if period_with_drag(b):
+        return leave(b, floats_at(address + SETTINGS_AT))
     return told(b, np.int64(UNFINISHED))
 
 
